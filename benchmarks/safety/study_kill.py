@@ -58,7 +58,7 @@ def work(told):
                     print("kept", sitting.id, question.name, file=told, flush=True)
                     continue
                 if sitting.number % 5 == 4:
-                    sitting.note("pause", "by the participant")
+                    sitting.record_event("pause", "by the participant")
                     print("kept", sitting.id, f"stop-{len(sitting.history)}", file=told, flush=True)
                 sitting.answer(somebody.answer(sitting.prompt, sitting.number), driver="sim")
                 print("kept", sitting.id, sitting.number - 1, file=told, flush=True)

@@ -49,7 +49,6 @@ __all__ = [
     "check",
     "export",
     "figures",
-    "keep_begun_study",
     "list_study_sections",
     "merge",
     "new",
@@ -60,6 +59,7 @@ __all__ = [
     "register",
     "run",
     "simulate",
+    "use_begun_version",
     "withdraw",
 ]
 
@@ -222,14 +222,14 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier export of this study.")] = False,
 ) -> None:
     """Export all trials, one row each: CSV, Parquet, or a BIDS folder, with a data dictionary."""
-    from haptorb_study.copies import check_kind, note_copy
+    from haptorb_study.copies import check_kind, record_copy
     from haptorb_study.database import database
     from haptorb_study.export import check_output, export_study
 
     check_output(path)
     engine = database(db, make=False)
     done = export_study(engine, path, name, None if data is None else check_kind(data), overwrite=force)
-    note_copy(engine, "export", path, done.study, {"data": data})
+    record_copy(engine, "export", path, done.study, {"data": data})
     practice = f", {done.practice} of them practice" if done.practice else ""
     tell(f"{done.trials} trials{practice}: {', '.join(map(str, done.files))}")
     if done.left_out:
@@ -257,11 +257,11 @@ def print_forecast(known: Study) -> bool:
     return found.holds and not unfelt
 
 
-def keep_begun_study(engine: Engine, known: Study) -> Study:
+def use_begun_version(engine: Engine, known: Study) -> Study:
     """`known`, or the version of it that the database holds, with its order and layout; prints which."""
-    from haptorb_study.columns import keep_older
+    from haptorb_study.columns import find_begun_version
 
-    study = keep_older(engine, known)
+    study = find_begun_version(engine, known)
     if known.order_version and not study.order_version:
         say("this study was begun with an older haptorb and keeps the order of that version")
     if known.model_version and not study.model_version:
@@ -367,7 +367,7 @@ def simulate(
     known = read_study(file)  # before a database is created
     engine = database(db)
     check_contents(engine, "simulated")
-    known = keep_begun_study(engine, known)
+    known = use_begun_version(engine, known)
     with make_progress() as bar:
         task = bar.add_task("SIMULATED trials", total=None)
         answered = rehearse(
@@ -509,7 +509,7 @@ def run(
         streams = open_streams(lsl)
     engine = database(db)  # before the device: without storage nothing is started
     check_contents(engine, "pilot" if pilot else "real")
-    known = keep_begun_study(engine, known)
+    known = use_begun_version(engine, known)
     if terminal:
         options = {"--driver": (driver, "sim"), "--tracker": (tracker, "pointer"), "--frame": (frame, None)}
         more = [word for name, (value, usual) in options.items() if value != usual for word in (name, str(value))]
@@ -567,7 +567,7 @@ def _run_in_browser(
         nature = ("PILOT, " if pilot else "") + ("SIMULATED DEVICE" if driver == "sim" else f"driver {driver}")
         say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:
-            sessions.ask({"do": "begin", "code": participant}, say)
+            sessions.enqueue({"do": "begin", "code": participant}, say)
         number = host.serve()
     if number:
         say("ended: the same command continues an interrupted session")

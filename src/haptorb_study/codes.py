@@ -25,14 +25,14 @@ __all__ = [
 
 
 #: Greek and Cyrillic letters that look like Latin ones
-_ALIKE = str.maketrans(
+_LATIN_LOOK_ALIKES = str.maketrans(
     "\u0391\u0392\u0395\u0396\u0397\u0399\u039a\u039c\u039d\u039f\u03a1\u03a4\u03a5\u03a7"
     "\u03f9\u0408\u03b1\u03bf\u03bd\u03c1\u03c5\u0445\u0410\u0412\u0415\u0405\u0406\u0408"
     "\u041a\u041c\u041d\u041e\u0420\u0421\u0422\u0423\u0425\u04ae\u051a\u051c\u0430\u0435"
     "\u043e\u0440\u0441\u0443\u0445\u0456\u0458\u0455\u04bb\u0501\u051b\u051d",
     "ABEZHIKMNOPTYXCJaovpuxABESIJKMHOPCTYXYQWaeopcyxijshdqw",
 )
-_DIGITS = str.maketrans("OoIl", "0011")
+_DIGIT_LOOK_ALIKES = str.maketrans("OoIl", "0011")
 _SEPARATORS = re.compile(r"[\s_.\u2010\u2011\u2012–—−-]+")
 _ZEROS = re.compile(r"(?<![0-9])0+(?=[0-9])")
 
@@ -45,7 +45,7 @@ def fold_spelling(code: str) -> str:
     >>> fold_spelling("1-11") == fold_spelling("11-1")
     False
     """
-    plain = unicodedata.normalize("NFKC", code).translate(_ALIKE).translate(_DIGITS).casefold()
+    plain = unicodedata.normalize("NFKC", code).translate(_LATIN_LOOK_ALIKES).translate(_DIGIT_LOOK_ALIKES).casefold()
     return _ZEROS.sub("", _SEPARATORS.sub("-", plain).strip("-"))
 
 
@@ -62,7 +62,7 @@ def suggest_code(typed: str) -> str:
     return "".join(unicodedata.normalize("NFKC", typed).split())
 
 
-_CODE_LENGTH = 16  #: of a code [characters]; the databases' columns have this width
+_MAX_CODE_LENGTH = 16  #: of a code [characters]; the databases' columns have this width
 _RESERVED = re.compile(r"s[1i]m-?[0-9]+")  #: in folded spelling
 
 
@@ -84,15 +84,15 @@ def check_code(code: str) -> str:
         )
     if not _is_code(known) or known != meant:
         raise InputError(
-            f"participant code must have 1 to {_CODE_LENGTH} letters, digits, '-', '_' or '.', begin with a letter or "
-            f"digit and contain a digit, like P01 or vp-7 (never a name); got {quote(code)}"
+            f"participant code must have 1 to {_MAX_CODE_LENGTH} letters, digits, '-', '_' or '.', begin with a letter "
+            f"or digit and contain a digit, like P01 or vp-7 (never a name); got {quote(code)}"
         )
     return known
 
 
 def _is_code(text: str) -> bool:
     letters = all(unicodedata.category(letter)[0] in "LNM" or letter in "-_." for letter in text)
-    return 1 <= len(text) <= _CODE_LENGTH and letters and text[0].isalnum() and any(map(str.isdecimal, text))
+    return 1 <= len(text) <= _MAX_CODE_LENGTH and letters and text[0].isalnum() and any(map(str.isdecimal, text))
 
 
 def is_reserved(code: str) -> bool:
@@ -118,7 +118,7 @@ def next_code(used: Iterable[str]) -> str:
             free = f"{found[1]}{number:0{len(found[2])}d}"
             if fold_spelling(free) not in taken:
                 break
-        if len(free) <= _CODE_LENGTH:
+        if len(free) <= _MAX_CODE_LENGTH:
             return free
     number = 1
     while fold_spelling(f"P{number:02d}") in taken:

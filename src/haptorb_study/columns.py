@@ -28,7 +28,7 @@ __all__ = [
     "describe_columns",
     "describe_events",
     "describe_questions",
-    "keep_older",
+    "find_begun_version",
     "place_answers",
     "read_replies",
     "read_study",
@@ -91,7 +91,7 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
     return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True)
 
 
-def keep_older(engine: Engine, study: Study) -> Study:
+def find_begun_version(engine: Engine, study: Study) -> Study:
     """`study`, or the version of it that the database holds from an older haptorb (order, layout)."""
     older = list_older(study)
     if not older:
@@ -245,7 +245,7 @@ def _column(values: tuple[Any, ...]) -> NDArray[Any]:
 FLAGS = ("simulated", "simulated_device", "pilot")  #: Boolean columns
 #: text columns; the rest are numbers
 WORDS = ("participant", "phase", "condition", "other", "safety", "recording", "answered", "study")
-_UNIT = re.compile(r"(.*) \[(.+)\]")
+_UNIT_SUFFIX = re.compile(r"(.*) \[(.+)\]")
 _FIXED: dict[str, dict[str, str]] = {
     "simulated": {"true": "a simulated participant", "false": "a person"},
     "simulated_device": {"true": "simulated device: nobody felt a force", "false": "a real device"},
@@ -260,7 +260,7 @@ def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
     """Column → Description, Units if it has one, Levels if its values have names."""
     found: dict[str, dict[str, Any]] = {}
     for name, about in COLUMNS.items():
-        split = _UNIT.fullmatch(about)
+        split = _UNIT_SUFFIX.fullmatch(about)
         entry: dict[str, Any] = {"Description": split[1] if split else about}
         unit = study.level_unit if name == "level" else split[2] if split else ""
         if unit:
@@ -281,7 +281,7 @@ def describe_events() -> dict[str, dict[str, Any]]:
     """Data dictionary of the table of events."""
     found: dict[str, dict[str, Any]] = {}
     for name, about in EVENT_COLUMNS.items():
-        split = _UNIT.fullmatch(about)
+        split = _UNIT_SUFFIX.fullmatch(about)
         found[name] = {"Description": split[1], "Units": split[2]} if split else {"Description": about}
     found["event"]["Levels"] = {
         "stop": "coils off by a person or the program: the reason says whose Stop it was",

@@ -28,8 +28,8 @@ __all__ = [
     "claim_contents",
     "describe_kind",
     "list_copies",
-    "note_copy",
     "read_contents",
+    "record_copy",
 ]
 
 
@@ -43,7 +43,7 @@ class Copy:
     settings: dict[str, Any]
 
 
-def note_copy(
+def record_copy(
     engine: Engine, kind: str, place: str | Path, study: str = "", settings: dict[str, Any] | None = None
 ) -> None:
     """Record a copy at `place`; a read-only database cannot record it."""
@@ -65,7 +65,7 @@ def back_up(place: str | Path, into: Path) -> Path:
     if into.exists():
         raise RecordingError(f"{into} exists; choose another name for the backup")
     engine = database(place, make=False)
-    note_copy(engine, "backup", into)
+    record_copy(engine, "backup", into)
     part = into.with_name(f".{into.name}.part")
     try:
         with (

@@ -63,7 +63,7 @@ __all__ = [
 def make_python_script(study: Study, table: str) -> str:
     """Python script that reads `table` beside it: NAME.csv, NAME.parquet, or a pattern of TSV files below it."""
     return (
-        (_SOURCES / "read_export.py.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
+        (_SCRIPT_FOLDER / "read_export.py.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", repr(FLAGS)).replace("@WORDS@", repr(WORDS))
         .replace("@CONDITIONS@", _quote_all(study, "[", "]")).replace("@MEASURES@", repr(_list_measures(study)))
     )  # fmt: skip
@@ -72,14 +72,14 @@ def make_python_script(study: Study, table: str) -> str:
 def make_r_script(study: Study, table: str) -> str:
     """R script that reads `table`; a Parquet file needs the package arrow or nanoparquet."""
     return (
-        (_SOURCES / "read_export.R.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
+        (_SCRIPT_FOLDER / "read_export.R.txt").read_text(encoding="utf-8").replace("@VERSION@", __version__)
         .replace("@TABLE@", _quote(table)).replace("@FLAGS@", ", ".join(map(_quote, FLAGS)))
         .replace("@WORDS@", ", ".join(map(_quote, WORDS))).replace("@CONDITIONS@", _quote_all(study, "c(", ")"))
         .replace("@MEASURES@", ", ".join(map(_quote, _list_measures(study))))
     )  # fmt: skip
 
 
-_SOURCES = Path(__file__).parent
+_SCRIPT_FOLDER = Path(__file__).parent
 
 
 def _list_measures(study: Study) -> tuple[str, ...]:
@@ -103,9 +103,14 @@ Files = dict[Path, Callable[[Path], None]]  #: path → function that writes it
 
 #: true and false as R and spreadsheets read them; BIDS uses those of JSON
 TRUTH = ("TRUE", "FALSE")
-_MORE = ("questions.csv", "questions.json", "events.csv", "events.json")  #: suffixes of the files beside a table
+_COMPANION_SUFFIXES = (
+    "questions.csv",
+    "questions.json",
+    "events.csv",
+    "events.json",
+)  #: suffixes of the files beside a table
 #: columns whose floats are whole numbers, except estimated magnitudes
-_WHOLE = {"answer", "correct", "trial", "session", "set_point", "interval", "repeats"}
+_WHOLE_NUMBER_COLUMNS = {"answer", "correct", "trial", "session", "set_point", "interval", "repeats"}
 
 
 def write_csv(
@@ -163,7 +168,7 @@ def write_table(columns: Columns, path: Path, separator: str, nothing: str, trut
         writer.writerow(COLUMNS)
         for row in zip(*(columns[name].tolist() for name in COLUMNS), strict=True):
             cells = zip(COLUMNS, row, strict=True)
-            writer.writerow([_cell(value, name in _WHOLE, nothing, truth) for name, value in cells])
+            writer.writerow([_cell(value, name in _WHOLE_NUMBER_COLUMNS, nothing, truth) for name, value in cells])
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -191,7 +196,7 @@ def _write_all(study: Study, files: Files, overwrite: bool) -> tuple[Path, ...]:
     first = next(iter(files))
     stale = [
         first.with_name(f"{first.stem}-{more}")
-        for more in _MORE
+        for more in _COMPANION_SUFFIXES
         if first.with_name(f"{first.stem}-{more}") not in files
     ]
     with explain_write_error(first):
@@ -473,7 +478,7 @@ def _write_events(study: Study, columns: Columns, part: Path, incidents: Sequenc
 
 
 def _word(flags: Any) -> str:
-    """"true", "false" or "n/a" for all trials of a participant, or "mixed"."""
+    """ "true", "false" or "n/a" for all trials of a participant, or "mixed"."""
     words = {None: "n/a", True: "true", False: "false"}
     found = {words[value] for value in flags.tolist()}
     return found.pop() if len(found) == 1 else "mixed"

@@ -174,7 +174,7 @@ def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, js
 # Feel session with its servo: with console and terminal, or with a simulated hand only.
 
 
-_EVERY = 0.05  #: polling interval of the servo's rows [s]
+_POLL_INTERVAL_S = 0.05  #: polling interval of the servo's rows [s]
 
 
 def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates) -> tuple[Device, TrueScale]:
@@ -215,7 +215,7 @@ def feel_without_console(
     trace = Trace(design)
     recording = servo.recording
     trace.extend(trace_rows(servo.layout, recording.rows))
-    name = store.keep(trace, person=person) if len(trace) else ""
+    name = store.store_trace(trace, person=person) if len(trace) else ""
     if score is not None:
         store.rate(design.name, score, person=person, trace=name)
     say(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
@@ -241,7 +241,7 @@ def feel_with_console(
     ended = Event()
 
     def collect() -> None:
-        while not ended.wait(_EVERY):
+        while not ended.wait(_POLL_INTERVAL_S):
             live.collect()
 
     def listen() -> None:
@@ -269,7 +269,7 @@ def feel_with_console(
         say(where.warning)
     try:
         with Console(servo, port, designs=DesignPanel(live), where=where) as console, freeze_garbage(), servo:
-            live.join(servo)
+            live.attach(servo)
             live.notify = say
             say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
             for thread in threads:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["StopCount", "StopEvent", "StopSwitch"]
 
-_MOST = 100  #: unrecorded Stops at most
+_MAX_UNRECORDED_STOPS = 100  #: unrecorded Stops at most
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class StopSwitch:
         self._numbers = count(1)
         self._last = 0  # number of the last Stop
         self._cleared = 0  # number of the last Stop before the coils were switched on again
-        self._unrecorded: deque[StopEvent] = deque(maxlen=_MOST)
+        self._unrecorded: deque[StopEvent] = deque(maxlen=_MAX_UNRECORDED_STOPS)
 
     @property
     def active(self) -> bool:
@@ -69,7 +69,7 @@ class StopSwitch:
             if why is not None:
                 self._unrecorded.append(StopEvent(number, why, utc_now()))
 
-    def ask(self) -> StopCount:
+    def read_count(self) -> StopCount:
         """Stop count to pass on with a request, read when it arrives."""
         servo = self._servo
         return StopCount(self._last, servo, 0 if servo is None else servo.stops)
@@ -102,6 +102,6 @@ class StopSwitch:
         servo.engage(asked.stops)  # safety: study-stop-engaging
         self._cleared = asked.number
 
-    def take(self) -> list[StopEvent]:
+    def pop_unrecorded(self) -> list[StopEvent]:
         """Remove and return the Stops that are to be recorded, oldest first."""
         return [self._unrecorded.popleft() for _ in range(len(self._unrecorded))]

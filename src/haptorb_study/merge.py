@@ -25,7 +25,7 @@ from sqlalchemy.engine import Engine
 from haptorb.errors import InputError, RecordingError
 from haptorb.sql import make_engine, mask_password, url_of
 from haptorb_study.codes import check_code, fold_spelling, is_reserved
-from haptorb_study.copies import describe_kind, note_copy, read_contents
+from haptorb_study.copies import describe_kind, read_contents, record_copy
 from haptorb_study.database import (
     contents,
     copies,
@@ -46,8 +46,8 @@ from haptorb_study.study_file import Study, study_of
 __all__ = ["Merged", "Renaming", "merge_databases", "read_renaming"]
 
 _RENAMING = re.compile(r"([1-9][0-9]?):([^=]+)=(.+)")
-_SHOWN = 12  #: clashes listed in a message
-_PARTS = (trials, events, replies)  #: tables with rows of a session
+_MAX_LISTED_CLASHES = 12  #: clashes listed in a message
+_SESSION_TABLES = (trials, events, replies)  #: tables with rows of a session
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def merge_databases(
     for place in places:  # a later withdrawal is then applied to these too
         with suppress(RecordingError):
             engine = database(place, make=False)
-            note_copy(engine, "merged", target, settings={"codes": writer.codes[str(place)]})
+            record_copy(engine, "merged", target, settings={"codes": writer.codes[str(place)]})
             engine.dispose()
     return Merged(
         str(target), holds, writer.people, writer.trials, writer.files, tuple(sorted(writer.missing)), tuple(notes)
@@ -282,8 +282,8 @@ def _assign_codes(sources: Sequence[_Source], renamings: Sequence[Renaming]) -> 
             if (number, other, theirs) != (source.number, row.code, person) and (person or theirs):
                 clashes.append(f"{other} ({number}), {row.code} ({source.number})")
     if clashes:
-        more = f" and {len(clashes) - _SHOWN} more" if len(clashes) > _SHOWN else ""
-        listed = "; ".join(clashes[:_SHOWN])
+        more = f" and {len(clashes) - _MAX_LISTED_CLASHES} more" if len(clashes) > _MAX_LISTED_CLASHES else ""
+        listed = "; ".join(clashes[:_MAX_LISTED_CLASHES])
         places = ", ".join(f"{one.number}: {mask_password(one.place)}" for one in sources)
         raise InputError(
             f"{len(clashes)} codes clash, or are those of people who withdrew: {listed}{more} ({places}). Nothing was "
@@ -353,7 +353,7 @@ class _Writer:
             number = self._insert(sessions, session, participant=new)
             renamed = "" if code == person.code else f", code {person.code}"
             where = mask_password(source.place)
-            for table in _PARTS:
+            for table in _SESSION_TABLES:
                 rows = [
                     {key: value for key, value in row._mapping.items() if key != "id"} | {"session": number}
                     for row in old.execute(select(table).where(table.c.session == session.id).order_by(table.c.id))

@@ -33,7 +33,7 @@ from haptorb_study.procedures import (
 from haptorb_study.study_file import Study
 
 __all__ = [
-    "GREATEST",
+    "MAX_MAGNITUDE",
     "OrderSummary",
     "ask_number",
     "balance_conditions",
@@ -57,7 +57,7 @@ __all__ = [
 # Counterbalancing: conditions over participants, intervals over trials, turns of interleaved tracks.
 
 
-_RUN = 6  #: block of trials of a track within which both intervals are equally frequent
+_BALANCED_BLOCK_TRIALS = 6  #: block of trials of a track within which both intervals are equally frequent
 
 
 def balance_conditions(conditions: int, participant: int) -> list[int]:
@@ -114,7 +114,7 @@ def draw_runs(length: int, draw: np.random.Generator) -> list[int]:
     """
     found: list[int] = []
     while len(found) < length:
-        found += (1 + draw.permutation(_RUN) % 2).tolist()
+        found += (1 + draw.permutation(_BALANCED_BLOCK_TRIALS) % 2).tolist()
     return found[:length]
 
 
@@ -137,7 +137,7 @@ def draw_turns(lengths: Sequence[int], first: Sequence[int], draw: np.random.Gen
 # Trials of one condition, unordered and without intervals.
 
 
-GREATEST = 1_000_000  #: largest answer of a magnitude estimation; the smallest is above zero
+MAX_MAGNITUDE = 1_000_000  #: largest answer of a magnitude estimation; the smallest is above zero
 
 
 def is_comparison(study: Study) -> bool:
@@ -178,7 +178,7 @@ def list_prompts(study: Study, name: str) -> list[Prompt]:
             cells = [Prompt(condition=name, set_point=top, level=v, low=1, high=2) for v in values]
         case "magnitude":
             values = study.levels.values if study.levels else ()
-            cells = [Prompt(condition=name, set_point=top, level=v, high=GREATEST, decimal=True) for v in values]
+            cells = [Prompt(condition=name, set_point=top, level=v, high=MAX_MAGNITUDE, decimal=True) for v in values]
         case "forced-choice":
             pairs = [other for first, other in list_pairs(study) if first == name]
             cells = [Prompt(condition=name, other=other, set_point=top, low=1, high=2) for other in pairs]
@@ -363,7 +363,7 @@ def _shuffle(prompts: list[Prompt], draw: np.random.Generator) -> list[Prompt]:
 # Realised order of a study before its first session: sequence per participant, balance, breaks.
 
 
-_MOST_PEOPLE = 1000  #: participants whose order can be printed
+_MAX_PRINTED_PARTICIPANTS = 1000  #: participants whose order can be printed
 
 
 @dataclass(frozen=True)
@@ -440,14 +440,14 @@ class OrderSummary:
 
 
 #: procedure → what varies between its trials
-_WHAT = {
+_VARIED = {
     "identification": "set-points", "localisation": "set-points", "constant": "levels", "magnitude": "levels",
     "staircase": "intervals with the comparison", "bayesian": "intervals with the comparison",
     "forced-choice": "intervals with the first of the pair",
 }  # fmt: skip
 
 
-def _ask(study: Study, prompt: Prompt) -> str:
+def _label_trial(study: Study, prompt: Prompt) -> str:
     """Short label of a listed trial: set-point, level or interval."""
     if study.procedure in ("constant", "magnitude"):
         return f"{prompt.level:g}"
@@ -460,8 +460,8 @@ def _begin(texts: Sequence[str], count: int) -> str:
 
 def summarize_order(study: Study, people: int = 6) -> OrderSummary:
     """Order for the first `people` participants, exactly as it will be stored when each begins."""
-    if not 1 <= people <= _MOST_PEOPLE:
-        raise InputError(f"the order can be shown for 1 to {_MOST_PEOPLE} participants; got {people}")
+    if not 1 <= people <= _MAX_PRINTED_PARTICIPANTS:
+        raise InputError(f"the order can be shown for 1 to {_MAX_PRINTED_PARTICIPANTS} participants; got {people}")
     plans = tuple(plan(study, n) for n in range(people))
     units = list_units(study)
     sequences, asked, pauses, practice = [], [], 0, 0
@@ -481,7 +481,7 @@ def summarize_order(study: Study, people: int = 6) -> OrderSummary:
                     pauses += prompt.pause > 0
                     if prompt.phase != "practice":
                         names.append(f"{prompt.condition}, {prompt.other}" if prompt.other else prompt.condition)
-                        texts.append(_ask(study, prompt))
+                        texts.append(_label_trial(study, prompt))
                 names += [str(part.get("condition", ""))] * len(part.get("intervals", ()))
                 texts += map(str, part.get("intervals", ()))
         sequences.append(tuple(names))
@@ -490,6 +490,6 @@ def summarize_order(study: Study, people: int = 6) -> OrderSummary:
     square = square_size(len(units)) if study.trials.order == "counter-balanced" else 1
     return OrderSummary(
         study.trials.order, tuple(units), side and bool(study.order_version), square, plans, tuple(sequences),
-        tuple(asked), _WHAT.get(study.procedure, ""), len(sequences[0]), practice, pauses, study.trials.break_seconds,
+        tuple(asked), _VARIED.get(study.procedure, ""), len(sequences[0]), practice, pauses, study.trials.break_seconds,
         study.procedure in ("staircase", "bayesian"),
     )  # fmt: skip

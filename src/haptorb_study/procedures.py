@@ -364,7 +364,7 @@ class Staircase(Procedure):
 # p(correct) = ½ + (½ − λ) Φ(s log₂(difference / threshold)), threshold and slope s unknown, lapse rate λ fixed.
 
 
-_SLOPES = np.geomspace(0.5, 6.0, 12)
+_CANDIDATE_SLOPES = np.geomspace(0.5, 6.0, 12)
 
 
 @final
@@ -401,7 +401,7 @@ class Bayesian(Procedure):
         from scipy.special import ndtr
 
         x = np.log2(self.differences[:, None] / self.thresholds[None, :])
-        right: Array = 0.5 + (0.5 - self.lapse) * ndtr(_SLOPES * x[..., None])
+        right: Array = 0.5 + (0.5 - self.lapse) * ndtr(_CANDIDATE_SLOPES * x[..., None])
         return right
 
     @cached_property
@@ -412,7 +412,7 @@ class Bayesian(Procedure):
     @cached_property
     def posterior(self) -> Array:
         """(40, 12) posterior of threshold and slope."""
-        log = np.zeros((40, len(_SLOPES)))
+        log = np.zeros((40, len(_CANDIDATE_SLOPES)))
         for asked, right in self.answers:
             p = self._right_probability[asked]
             log += np.log(p if right else 1 - p)

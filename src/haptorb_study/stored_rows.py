@@ -17,18 +17,18 @@ from haptorb.errors import RecordingError, quote
 from haptorb.files import parse_json
 from haptorb_study.procedures import Prompt
 
-__all__ = ["LONGEST_PLAN", "check_rows"]
+__all__ = ["MAX_PLAN_CHARACTERS", "check_rows"]
 
 Check = Callable[[Any], bool]
 
-_LONG = 256 * 1024  #: maximum length of a text [characters]
-LONGEST_PLAN = 64 * 1024 * 1024  #: maximum length of a session's plan [characters], about 240 for each trial
-_LARGE = 1e15  #: maximum of any number
+_MAX_TEXT_CHARACTERS = 256 * 1024  #: maximum length of a text [characters]
+MAX_PLAN_CHARACTERS = 64 * 1024 * 1024  #: maximum length of a session's plan [characters], about 240 for each trial
+_MAX_NUMBER = 1e15  #: maximum of any number
 _PROMPT = {field.name: field.default for field in fields(Prompt)}
 
 
 def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and len(value) <= _LONG and "\0" not in value
+    return isinstance(value, str) and len(value) <= _MAX_TEXT_CHARACTERS and "\0" not in value
 
 
 def _is_word(value: Any) -> bool:
@@ -40,11 +40,11 @@ def _is_path(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and isfinite(value) and abs(value) < _LARGE
+    return isinstance(value, int | float) and isfinite(value) and abs(value) < _MAX_NUMBER
 
 
 def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and 0 <= value < _LARGE
+    return isinstance(value, int) and 0 <= value < _MAX_NUMBER
 
 
 def _is_flag(value: Any) -> bool:
@@ -56,7 +56,7 @@ def _is_object(value: Any) -> bool:
 
 
 def _is_plan(value: Any) -> bool:
-    return isinstance(value, str) and isinstance(_read(value, LONGEST_PLAN), Mapping)
+    return isinstance(value, str) and isinstance(_read(value, MAX_PLAN_CHARACTERS), Mapping)
 
 
 def _is_prompt(value: Any) -> bool:
@@ -87,7 +87,7 @@ def _or_nothing(check: Check) -> Check:
     return lambda value: value is None or check(value)
 
 
-def _read(value: Any, most: int = _LONG) -> Any:
+def _read(value: Any, most: int = _MAX_TEXT_CHARACTERS) -> Any:
     try:
         return parse_json(value) if isinstance(value, str) and len(value) <= most and "\0" not in value else None
     except ValueError:

@@ -32,14 +32,14 @@ from haptorb_study.database import (
 )
 from haptorb_study.order import plan, procedure_of
 from haptorb_study.procedures import Answer, Procedure, Prompt, read_value
-from haptorb_study.stored_rows import LONGEST_PLAN
+from haptorb_study.stored_rows import MAX_PLAN_CHARACTERS
 from haptorb_study.study_file import Study
 from haptorb_study.study_tables import Question
 
 __all__ = ["StoredSession"]
 
 
-_AGAIN = 1.0  #: interval of attempts to store delayed events [s]
+_RETRY_INTERVAL_S = 1.0  #: interval of attempts to store delayed events [s]
 
 
 @final
@@ -79,7 +79,7 @@ class StoredSession:
             self._replied = self._list_answered()
             self.history = self._list_events()
             self.resumed = self.number > 0
-            self.note("resume" if self.resumed else "begin")
+            self.record_event("resume" if self.resumed else "begin")
         except SQLAlchemyError as cause:
             self._claim.release()
             raise _storage_error(cause) from cause
@@ -172,11 +172,11 @@ class StoredSession:
         self._late.clear()
         self.procedure, self.number = after, self.number + 1
 
-    def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
+    def record_event(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Store an event, now or with the time of day `at`: pause, abort, repeat ...
 
         With `later`, what the database does not take now is stored with the next entry that it takes, or by
-        `keep_late`, and nothing is raised: what was done must not wait for the record of it.
+        `store_late_events`, and nothing is raised: what was done must not wait for the record of it.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
         happened = {"kind": kind, "trial": self.number, "at": at or utc_now(), "text": text}
@@ -193,11 +193,11 @@ class StoredSession:
             raise _storage_error(cause) from cause
         self._late.clear()
 
-    def keep_late(self) -> None:
+    def store_late_events(self) -> None:
         """Retry once per second to store delayed events; blocks for 50 ms at most."""
         if not self._late or monotonic() < self._again:
             return
-        self._again = monotonic() + _AGAIN
+        self._again = monotonic() + _RETRY_INTERVAL_S
         with suppress(SQLAlchemyError):
             with try_begin(self.engine) as connection:
                 self._catch_up(connection)
@@ -205,7 +205,7 @@ class StoredSession:
 
     def abort(self, reason: str = "") -> None:
         """End permanently: answers remain, but the session cannot be resumed."""
-        self.note("abort", reason)
+        self.record_event("abort", reason)
         try:
             with self.engine.begin() as connection:
                 done = {"ended": utc_now(), "aborted": True}
@@ -259,10 +259,10 @@ class StoredSession:
             ordinal = 1 + max(-1 if newest is None else int(newest), *left.values(), -1)
             drawn = plan(study, ordinal)
             written = json.dumps(drawn)
-            if len(written) > LONGEST_PLAN:
+            if len(written) > MAX_PLAN_CHARACTERS:
                 raise InputError(
-                    f"study '{study.name}': the plan of one session is longer than {LONGEST_PLAN // 2**20} MiB, some "
-                    "250,000 trials: reduce the repetitions, set-points or conditions"
+                    f"study '{study.name}': the plan of one session is longer than {MAX_PLAN_CHARACTERS // 2**20} MiB, "
+                    "some 250,000 trials: reduce the repetitions, set-points or conditions"
                 )
             new = participants.insert().values(study=study.digest, code=self.code, ordinal=ordinal)
             person = connection.execute(new).inserted_primary_key

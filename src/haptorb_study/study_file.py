@@ -131,13 +131,13 @@ def check_study(study: _Study) -> None:
 
 
 #: excluded from the digest if unused, as no_force of a condition is: older studies keep their digest
-_LATER = (
+_OPTIONAL_IN_DIGEST = (
     "mask", "questions", "model", "render", "world_digest", "published_layout", "order_version", "model_version",
     "hand_deg",
 )  # fmt: skip
 
 
-_LEVELLED = ("constant", "staircase", "bayesian", "magnitude")
+_PROCEDURES_WITH_LEVELS = ("constant", "staircase", "bayesian", "magnitude")
 
 
 class Study(Part):
@@ -236,7 +236,7 @@ class Study(Part):
 
     @model_validator(mode="before")
     @classmethod
-    def _keep_older_order(cls, raw: Any) -> Any:
+    def _default_older_order(cls, raw: Any) -> Any:
         """Default order "random" for studies without an order version, as they were run."""
         if isinstance(raw, dict) and not raw.get("order_version") and isinstance(raw.get("trials", {}), dict):
             return {**raw, "trials": {"order": "random", **raw.get("trials", {})}}
@@ -252,10 +252,12 @@ class Study(Part):
         asked = [question.name for question in self.questions]
         if len(set(asked)) < len(asked):
             raise ValueError(f"names of questions must differ; got {', '.join(asked)}")
-        if self.procedure in _LEVELLED:
+        if self.procedure in _PROCEDURES_WITH_LEVELS:
             check_levels(self)
         elif self.levels is not None:
-            raise ValueError(f"[levels] needs procedure {', '.join(_LEVELLED)}; this study has '{self.procedure}'")
+            raise ValueError(
+                f"[levels] needs procedure {', '.join(_PROCEDURES_WITH_LEVELS)}; this study has '{self.procedure}'"
+            )
         if self.procedure == "forced-choice" and len(names) < 2:
             raise ValueError("a forced choice needs at least two conditions to choose between")
         check_plan(self, self.plan)
@@ -286,7 +288,7 @@ class Study(Part):
     @property
     def digest(self) -> str:
         """Digest of all settings that affect how it runs, without the analysis plan: the identity of the study."""
-        unused = {"plan"} | {name for name in _LATER if getattr(self, name) in (None, "", ())}
+        unused = {"plan"} | {name for name in _OPTIONAL_IN_DIGEST if getattr(self, name) in (None, "", ())}
         felt = {n: {"no_force"} for n, condition in enumerate(self.conditions) if not condition.no_force}
         text = self.model_dump_json(exclude={**dict.fromkeys(unused, True), "conditions": felt})
         return sha256(text.encode()).hexdigest()[:16]
@@ -355,13 +357,13 @@ class Study(Part):
 
 
 #: current meaning of "published"; a stored study without the key ran with 1 + 8 + 8 + 8
-_PUBLISHED = "1-4-8-12"
+_PUBLISHED_LAYOUT = "1-4-8-12"
 #: current rules of the order; a stored study without the key keeps the older ones, at random by default
-_ORDER = "2"
+_ORDER_VERSION = "2"
 #: current meaning of "exact"; a stored study without the key ran with point coils
-_MODELS = "2"
-_MISTAKES = 20  #: mistakes reported at once
-_CODE = 1 << 20  #: maximum size of a world's file [bytes]
+_MODEL_VERSION = "2"
+_MAX_MISTAKES = 20  #: mistakes reported at once
+_MAX_WORLD_FILE_BYTES = 1 << 20  #: maximum size of a world's file [bytes]
 
 
 def read_study(path: str | Path) -> Study:
@@ -385,20 +387,20 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
         raw = parse_toml(text)
     except ValueError as cause:
         raise InputError(f"study file {where} is not TOML: {cause}") from cause
-    for key, newest in (("order_version", _ORDER), ("model_version", _MODELS)):
+    for key, newest in (("order_version", _ORDER_VERSION), ("model_version", _MODEL_VERSION)):
         if not stored and key not in raw:
             raw[key], text = newest, f'{key} = "{newest}"\n{text}'
     try:
         study = Study.model_validate(raw).with_text(text, {})
         if not stored and study.set_points.layout == "published" and not study.published_layout:
-            study = _add_key(study, "published_layout", _PUBLISHED)
+            study = _add_key(study, "published_layout", _PUBLISHED_LAYOUT)
         if is_world_file(study.world):
             if folder is None:
                 return study
             study = _load_world(study, parse_world_file(study.world, folder))
         check_study(study)
     except ValidationError as cause:
-        mistakes = explain_mistakes(cause.errors(), Study, _MISTAKES)
+        mistakes = explain_mistakes(cause.errors(), Study, _MAX_MISTAKES)
         lines = f" {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join(["", *mistakes])
         raise InputError(f"study file {where}:{lines}") from cause
     except InputError as cause:
@@ -410,7 +412,7 @@ def _load_world(study: Study, file: WorldFile) -> Study:
     """`study` with the world in `file` and the digest of its code, which is part of the study's identity."""
     with announce_wait(f"World file {file.path} has not returned from loading and its first call"):
         world = try_world(start_world_file(file), study.load_device())
-    digest = sha256(read_bytes(file.path, _CODE, "world file", InputError)).hexdigest()
+    digest = sha256(read_bytes(file.path, _MAX_WORLD_FILE_BYTES, "world file", InputError)).hexdigest()
     if study.world_digest not in ("", digest):
         raise InputError(f"world_digest is not that of {file.path}: the file has changed; leave out the key")
     found = study if study.world_digest else _add_key(study, "world_digest", digest)

@@ -30,8 +30,8 @@ __all__ = [
 ]
 
 
-_LONGEST = 4000  #: maximum length of a reply [characters]
-_MOST = 1_000_000_000  #: maximum of a whole number
+_MAX_REPLY_CHARACTERS = 4000  #: maximum length of a reply [characters]
+_MAX_WHOLE_NUMBER = 1_000_000_000  #: maximum of a whole number
 
 
 def _is_real(value: Any) -> bool:
@@ -137,7 +137,7 @@ class Trials(Part):
         m.Meaning("number of practice trials; for staircase and bayesian at the greatest difference"),
     ] = 0
     break_every: Annotated[
-        Whole, Field(ge=0, le=_MOST), m.Meaning("trials between two breaks; 0: no breaks"), m.Form("≥ 0")
+        Whole, Field(ge=0, le=_MAX_WHOLE_NUMBER), m.Meaning("trials between two breaks; 0: no breaks"), m.Form("≥ 0")
     ] = 0
     break_seconds: Annotated[Real, Field(ge=0, le=3600), m.Meaning("duration of a break"), m.Unit("s")] = 60.0
     time_limit: Annotated[
@@ -257,20 +257,20 @@ class Question(Part):
     text: Annotated[str, Field(min_length=1), m.Meaning("the question"), m.Form("at least 1 character")]
     when: Annotated[Literal["before", "after"], m.Meaning("before or after the trials")] = "after"
     choices: Annotated[
-        tuple[Annotated[str, Field(min_length=1, max_length=_LONGEST)], ...],
+        tuple[Annotated[str, Field(min_length=1, max_length=_MAX_REPLY_CHARACTERS)], ...],
         Field(max_length=200),
         m.Meaning("answers to choose from"),
         m.Form("at most 200, all different"),
         m.Without("none: low and high, or free text"),
     ] = ()
     low: Annotated[
-        Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None,
+        Annotated[Whole, Field(ge=-_MAX_WHOLE_NUMBER, le=_MAX_WHOLE_NUMBER)] | None,
         m.Meaning("lowest whole number that is accepted"),
         m.Form("any, with high"),
         m.Without("none: choices, or free text"),
     ] = None
     high: Annotated[
-        Annotated[Whole, Field(ge=-_MOST, le=_MOST)] | None,
+        Annotated[Whole, Field(ge=-_MAX_WHOLE_NUMBER, le=_MAX_WHOLE_NUMBER)] | None,
         m.Meaning("highest whole number that is accepted"),
         m.Form("≥ low, with low"),
         m.Without("none: choices, or free text"),
@@ -290,8 +290,8 @@ class Question(Part):
         """Validate `reply`, unchanged; InputError if it does not answer this question."""
         if not reply.strip():
             raise InputError("please answer the question first")
-        if len(reply) > _LONGEST:
-            raise InputError(f"the answer must have at most {_LONGEST} characters; got {len(reply)}")
+        if len(reply) > _MAX_REPLY_CHARACTERS:
+            raise InputError(f"the answer must have at most {_MAX_REPLY_CHARACTERS} characters; got {len(reply)}")
         if any("\ud800" <= letter <= "\udfff" or letter in "\0\ufffd" for letter in reply):
             raise InputError("the answer contains an invalid character: please type it again")
         if self.choices and reply not in self.choices:

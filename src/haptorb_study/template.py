@@ -16,7 +16,7 @@ from haptorb_study.study_file import Study, study_of
 __all__ = ["TEMPLATES", "make_study_text", "read_template", "write_study"]
 
 TEMPLATES = ("zarate2020", "identification", "staircase", "magnitude", "comparison")
-_WIDTH = 100  #: of a comment line
+_COMMENT_WIDTH = 100  #: of a comment line
 _KEY = re.compile(r"([a-z_]+) = ")
 _TABLE = re.compile(r"\[\[?([a-z_]+)\]\]?")
 
@@ -42,7 +42,7 @@ def make_study_text(name: str, like: str = "identification") -> str:
         if path and path not in known:
             known.add(path)
             text = keys[path].meaning if line.startswith("[") else ""
-            lines += [f"# {part}" for part in wrap(text or _describe(path, keys), _WIDTH - 2)]
+            lines += [f"# {part}" for part in wrap(text or _describe(path, keys), _COMMENT_WIDTH - 2)]
             if "{ " in line or line.endswith(" = ["):  # keys of an inline table
                 inner = [one for one in keys if one.startswith(f"{path}.")]
                 lines += [f"#   {one.removeprefix(path)[1:]}: {_describe(one, keys)}" for one in inner]
@@ -80,6 +80,6 @@ def _describe(path: str, keys: dict[str, KeyText]) -> str:
     key = keys[path]
     unit = "" if key.unit in ("none", "1") else f" [{key.unit}]"
     span = "" if key.range in ("text", "any", "the keys below") else key.range
-    default = "" if len(key.default) > _WIDTH // 2 or key.default.startswith("none") else key.default
+    default = "" if len(key.default) > _COMMENT_WIDTH // 2 or key.default.startswith("none") else key.default
     parts = (f"{key.meaning}{unit}", span, default if default in ("", "required") else f"default {default}")
     return "; ".join(part for part in parts if part)

@@ -144,7 +144,7 @@ class Keyboard(Keys):
                 for key in name_keys(decoder.decode(data)) if data else [END]:
                     if self._is_stop(key):
                         self._halt.stop("at the terminal")  # safety: terminal-stop
-                    self._keys.put((key, self._halt.ask()))
+                    self._keys.put((key, self._halt.read_count()))
                 if not data:
                     sources.remove(self._descriptor)
 
@@ -153,12 +153,17 @@ class Keyboard(Keys):
         return key == "escape" or (key in ("space", "q") and not self.writing()) or (key == END and self._terminal)
 
 
-_TICK = 0.02  #: keep-alive interval of the pen's position [s]; it expires after about 50 ms
-_STEP = 3.0  #: pen motion per arrow key [deg]
-_STEER = {"up": (0.0, _STEP), "down": (0.0, -_STEP), "left": (-_STEP, 0.0), "right": (_STEP, 0.0)}
-_WHOLE = re.compile(r"0|-?[1-9][0-9]*")
-_DECIMAL = re.compile(r"-?[0-9]+([.,][0-9]+)?")
-_DIGITS = 15  #: significant digits that a float stores exactly
+_KEEP_ALIVE_INTERVAL_S = 0.02  #: keep-alive interval of the pen's position [s]; it expires after about 50 ms
+_PEN_STEP_DEG = 3.0  #: pen motion per arrow key [deg]
+_STEER_KEYS = {
+    "up": (0.0, _PEN_STEP_DEG),
+    "down": (0.0, -_PEN_STEP_DEG),
+    "left": (-_PEN_STEP_DEG, 0.0),
+    "right": (_PEN_STEP_DEG, 0.0),
+}
+_WHOLE_NUMBER = re.compile(r"0|-?[1-9][0-9]*")
+_DECIMAL_NUMBER = re.compile(r"-?[0-9]+([.,][0-9]+)?")
+_MAX_DIGITS = 15  #: significant digits that a float stores exactly
 
 
 @final
@@ -204,7 +209,7 @@ class TerminalSession:
             self._trial_device.refresh()
             runner.tick()
             self._show(View(runner, self._typed, self._message or self._describe_state(), self._abort))
-            key = self._keys.next_key(_TICK)
+            key = self._keys.next_key(_KEEP_ALIVE_INTERVAL_S)
             if key is not None:
                 self._drop_old_text()
                 try:
@@ -263,8 +268,8 @@ class TerminalSession:
         if key == "enter":
             runner.answer(self._read_number())
             self._typed = self._message = ""
-        elif key in _STEER and trial_device.steered:
-            trial_device.steer(*_STEER[key])
+        elif key in _STEER_KEYS and trial_device.steered:
+            trial_device.steer(*_STEER_KEYS[key])
         elif key == "tab" and runner.prompt is not None and runner.prompt.interval:
             runner.interval(3 - runner.which)
         elif key == "e" and runner.state == "device off":
@@ -286,9 +291,14 @@ class TerminalSession:
             return None
         decimal = prompt is not None and prompt.decimal
         digits = len(re.sub("[^0-9]", "", typed).lstrip("0"))
-        if decimal and _DECIMAL.fullmatch(typed) and not re.search(",[0-9]{3}$", typed) and digits <= _DIGITS:
+        if (
+            decimal
+            and _DECIMAL_NUMBER.fullmatch(typed)
+            and not re.search(",[0-9]{3}$", typed)
+            and digits <= _MAX_DIGITS
+        ):
             return float(typed.replace(",", ".")) if set(",.") & set(typed) else int(typed)
-        if not decimal and _WHOLE.fullmatch(typed):
+        if not decimal and _WHOLE_NUMBER.fullmatch(typed):
             return int(typed)
         if prompt is not None and not prompt.wants_number:
             raise InputError(f"the position is the answer, with no number: press Enter alone; got {quote(typed)}")
@@ -314,9 +324,9 @@ class TerminalSession:
 # Pen and force are shown only for the simulated device, which renders no force to a participant.
 
 
-_WIDE, _HIGH = 62, 23
+_MAP_COLUMNS, _MAP_LINES = 62, 23
 _ARROWS = "→↗↑↖←↙↓↘"
-_KEYS = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave (resumable) · A abort"
+_KEY_HELP = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave (resumable) · A abort"
 
 
 @final
@@ -350,7 +360,7 @@ class Screen:
             if view.message:
                 parts.append(Text(view.message, style="bold yellow"))
             return Panel(
-                Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=Text(head), width=_WIDE + 6
+                Group(*parts, Text("Enter answers · Esc STOP", style="dim")), title=Text(head), width=_MAP_COLUMNS + 6
             )
         if view.state in ("break", "pause", "device off"):
             early = "; Enter continues" if prompt.pause and view.state == "break" else ""
@@ -375,19 +385,19 @@ class Screen:
             if notice:
                 parts.append(Text(notice, style="bold yellow"))
         steer = "arrow keys move the pen · " if trial_device.steered else ""
-        return Panel(Group(*parts, Text(steer + _KEYS, style="dim")), title=Text(head), width=_WIDE + 6)
+        return Panel(Group(*parts, Text(steer + _KEY_HELP, style="dim")), title=Text(head), width=_MAP_COLUMNS + 6)
 
     def _map(self) -> RenderableType:
         """Dome seen from above, +x to the right; the rim is the limit of the workspace."""
         trial_device = self._trial_device
-        field = [[" "] * _WIDE for _ in range(_HIGH)]
+        field = [[" "] * _MAP_COLUMNS for _ in range(_MAP_LINES)]
 
         def put(theta: float, phi: float, text: str) -> None:
             r = theta / trial_device.limit
-            column = round((_WIDE - 3) / 2 * (1 + r * cos(phi) * 0.95))
-            line = round((_HIGH - 1) / 2 * (1 - r * sin(phi)))
+            column = round((_MAP_COLUMNS - 3) / 2 * (1 + r * cos(phi) * 0.95))
+            line = round((_MAP_LINES - 1) / 2 * (1 - r * sin(phi)))
             for n, letter in enumerate(text):
-                if 0 <= line < _HIGH and 0 <= column + n < _WIDE:
+                if 0 <= line < _MAP_LINES and 0 <= column + n < _MAP_COLUMNS:
                     field[line][column + n] = letter
 
         for n in range(72):
@@ -422,11 +432,11 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
         say("Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time.")
         while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):
-                session.note("leave")
+                session.record_event("leave")
                 return "left"
         say("starting the device ...")
         servo = start(recording)
-        halt.attach(servo, keys.asked or halt.ask())  # before it opens: Stop reaches it from here on
+        halt.attach(servo, keys.asked or halt.read_count())  # before it opens: Stop reaches it from here on
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
             trial_device = TrialDevice(study, servo)
             drawn = Screen(trial_device, live)

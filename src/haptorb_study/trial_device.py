@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["TrialDevice"]
 
 
-_FELT_FORCE, _FELT_TORQUE = 0.1, 0.002  #: perception limits of the commanded wrench [N], [N·m]
-_FELT_MOTION = 0.5e-3  #: perception limit of motion since the onset of the stimulus [m]
-_PATIENCE = 1.0  #: keep-alive of a simulated hand while this process is not scheduled [s]
+_FELT_FORCE_N, _FELT_TORQUE_NM = 0.1, 0.002  #: perception limits of the commanded wrench [N], [N·m]
+_FELT_MOTION_M = 0.5e-3  #: perception limit of motion since the onset of the stimulus [m]
+_HAND_KEEP_ALIVE_S = 1.0  #: keep-alive of a simulated hand while this process is not scheduled [s]
 
 
 @final
@@ -91,16 +91,16 @@ class TrialDevice:
     def refresh(self) -> None:
         """Repeat the hand goal, before it expires; ServoError if the loop ended."""
         self.servo.check()
-        self.hold()
+        self.repeat_goal()
 
-    def hold(self) -> None:
+    def repeat_goal(self) -> None:
         """Repeat the hand goal, if the pen is steered from here."""
         if self.steered:
             x, y = np.radians(self._pen)
             theta, phi = hypot(x, y), atan2(y, x)
             way = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
             # At contact: the hand rests on the dome without pressing.
-            self.servo.hand.point(way * self.contact, patience=_PATIENCE)
+            self.servo.hand.point(way * self.contact, patience=_HAND_KEEP_ALIVE_S)
 
     @property
     def position(self) -> tuple[float, float, float] | None:
@@ -129,7 +129,7 @@ class TrialDevice:
         asked = row[self.servo.layout["asked"]]
         force, torque = float(np.linalg.norm(asked[:3])), float(np.linalg.norm(asked[3:]))
         moved = float(np.linalg.norm(np.subtract(place, self._first)))
-        return force >= _FELT_FORCE or torque >= _FELT_TORQUE or moved >= _FELT_MOTION
+        return force >= _FELT_FORCE_N or torque >= _FELT_TORQUE_NM or moved >= _FELT_MOTION_M
 
     @property
     def switched_off(self) -> bool:
@@ -143,7 +143,7 @@ class TrialDevice:
         row = self.servo.latest()
         return row is not None and bool(row[self.servo.layout["coil_state"]][0] == CoilState.UNKNOWN)
 
-    def look(self) -> None:
+    def poll_trips(self) -> None:
         """Append new trips to `trips`; from the loop's rows, which is cheaper than its report."""
         before = self._cursor
         self._cursor, rows = self.servo.rows(before)

@@ -20,9 +20,9 @@ __all__ = ["OVER", "TrialRunner"]
 
 
 OVER = ("done", "left", "aborted")  #: final states
-_TRIAL = ("running", "time is up")
-_RECORDED = (*_TRIAL, "pause")
-_AFTER = 1.0  #: recording continues for so long after a trial ends [s]
+_IN_TRIAL = ("running", "time is up")
+_RECORDED_STATES = (*_IN_TRIAL, "pause")
+_RECORDING_TAIL_S = 1.0  #: recording continues for so long after a trial ends [s]
 
 
 def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
@@ -50,7 +50,7 @@ class TrialRunner:
         self.session, self.trial_device = session, trial_device
         if halt is None:
             halt = StopSwitch()
-            halt.attach(trial_device.servo, halt.ask())
+            halt.attach(trial_device.servo, halt.read_count())
         self.halt = halt
         self.which = 1  #: interval being rendered
         self.seconds = 0.0  #: time in this trial without pauses [s]
@@ -92,7 +92,7 @@ class TrialRunner:
         passed, self._last = now - self._last, now
         self.apply_stop()
         self._notice_off()
-        self.session.keep_late()
+        self.session.store_late_events()
         rested = self.state in ("pause", "break") and now >= self._until
         if rested or (self.state == "device off" and not self.trial_device.switched_off):
             self._begin()
@@ -106,20 +106,20 @@ class TrialRunner:
                 self._mark("time is up", {"trial": self.session.number + 1})
         elif self.state == "time is up":
             self.seconds += passed
-        if self.state in _RECORDED:
+        if self.state in _RECORDED_STATES:
             self._moved = now
-        self.trial_device.record(now - self._moved < _AFTER)
+        self.trial_device.record(now - self._moved < _RECORDING_TAIL_S)
 
     def apply_stop(self) -> None:
         """Enter "paused" if Stop was given, and store its cause; the coils are off already."""
         if self.halt.active and self.state not in ("paused", *OVER):
             self._rest_left = self.rest_left
-            if self.state in _TRIAL:
+            if self.state in _IN_TRIAL:
                 self._again = f"stopped {self.halt.why}".rstrip()
                 self.state = "device off"
             self._paused_from, self.state = self.state, "paused"
-        for stopped in self.halt.take():
-            self._note("pause", stopped.why, stopped.at)
+        for stopped in self.halt.pop_unrecorded():
+            self._record_event("pause", stopped.why, stopped.at)
 
     def answer(self, value: int | float | None) -> None:
         """Store the answer, durably, and continue. An invalid answer raises InputError; the trial continues."""
@@ -130,7 +130,7 @@ class TrialRunner:
                 "the device is off, so this answer does not count: please wait; the trial starts again when it is on"
             )
         prompt = self.prompt
-        if self.state not in _TRIAL or prompt is None:
+        if self.state not in _IN_TRIAL or prompt is None:
             raise InputError(f"no answer is expected now ({self.state})")
         if value is None and prompt.wants_number:
             raise InputError("choose the number first, then answer")
@@ -190,16 +190,16 @@ class TrialRunner:
         self.apply_stop()
         if self.state != "paused":
             return
-        self.halt.engage(asked or self.halt.ask())
+        self.halt.engage(asked or self.halt.read_count())
         self.state = self._paused_from
         self._until = self._clock() + self._rest_left
         self._last = self._clock()
-        self._note("resume")
+        self._record_event("resume")
 
     def repeat(self) -> None:
         """Restart the trial with its full time limit; the repetition is stored."""
         self.apply_stop()
-        if self.state not in _TRIAL or self.prompt is None:
+        if self.state not in _IN_TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
         self._again = "by the experimenter"
         self._begin()
@@ -209,14 +209,14 @@ class TrialRunner:
         self.apply_stop()
         if self.state == "paused":
             raise InputError("the session is paused: resume switches the coils on")
-        self.halt.engage(asked or self.halt.ask())
+        self.halt.engage(asked or self.halt.read_count())
 
     def leave(self) -> None:
         """Leave the session, which can be resumed at this trial. Coils off first."""
         if self.state not in OVER:
             self.halt.stop(None)
             self.apply_stop()
-            self._note("leave")
+            self._record_event("leave")
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
@@ -262,7 +262,7 @@ class TrialRunner:
         self.trial_device.begin(prompt)
         if self._again:
             self.repeats += 1
-            self._note("repeat", self._again)
+            self._record_event("repeat", self._again)
             self._again = ""
         self._mark(
             "trial",
@@ -299,26 +299,26 @@ class TrialRunner:
     def _notice_off(self) -> None:
         """Store new trips; a trial in which the device was off restarts once it is on."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
-        if self.state in _TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
+        if self.state in _IN_TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
             self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
             self._wait_for_device()
 
     def _record_trips(self) -> list[dict[str, Any]]:
         """Store and return new trips; those within a trial are also stored with its answer."""
-        self.trial_device.look()
+        self.trial_device.poll_trips()
         fresh = self.trial_device.trips[self._trip_count :]
         self._trip_count += len(fresh)
         for trip in fresh:
             if trip["code"] == "STOPPED":  # stopped by a person: not a safety event
                 continue
-            if self.state in _TRIAL:
+            if self.state in _IN_TRIAL:
                 self._during.append(trip)
             known = {**trip, "trial": self.session.number}
             self.trips.append(known)
-            self.session.note("safety", f"{trip['code']}: {trip['reason']}", later=True)
+            self.session.record_event("safety", f"{trip['code']}: {trip['reason']}", later=True)
             self._mark("safety", {**known, "trial": self.session.number + 1})
         return fresh
 
-    def _note(self, kind: str, text: str = "", at: str | None = None) -> None:
-        self.session.note(kind, text, at=at, later=True)
+    def _record_event(self, kind: str, text: str = "", at: str | None = None) -> None:
+        self.session.record_event(kind, text, at=at, later=True)
         self._mark(kind, {"trial": self.session.number + 1} | ({"why": text} if text else {}))

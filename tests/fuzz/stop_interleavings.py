@@ -231,8 +231,8 @@ class Trial:
         self.study = StudySocketHub(self.manager, "token", {}, {})
         self.participant = StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
         self.experimenter = StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
-        self.study.enter(self.participant)
-        self.study.enter(self.experimenter)
+        self.study.register(self.participant)
+        self.study.register(self.experimenter)
         self.stopped, self.engaged = 0, 1  # the last deed of either kind, by number; the start engages by itself
         self.number = 1
         self.stops: list[tuple[int, int]] = []  # stop counts that were read for an engage to come
@@ -329,8 +329,8 @@ class Trial:
 
     def participant_leave(self) -> None:
         self.stop_given()
-        self.study.part(self.participant)
-        self.study.enter(self.participant)
+        self.study.unregister(self.participant)
+        self.study.register(self.participant)
 
     def study_step(self) -> None:
         self.manager.step()
@@ -407,7 +407,7 @@ class Trial:
         """How a promise was broken; empty: all were kept."""
         try:
             self.device.open()
-            self.manager.ask({"do": "begin", "code": "P1"}, lambda text: None)
+            self.manager.enqueue({"do": "begin", "code": "P1"}, lambda text: None)
             self.manager.step()
             if self.manager.now == "failed":
                 return f"no session: {self.manager.trouble}"

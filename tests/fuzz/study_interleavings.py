@@ -75,7 +75,7 @@ class World:
 
     def _page(self, participant: bool) -> StudyPage:
         page = StudyPage(None, participant)  # type: ignore[arg-type]
-        self.hub.enter(page)
+        self.hub.register(page)
         return page
 
     def interrupt(self) -> None:
@@ -147,7 +147,7 @@ class World:
             self.hub.handle_message(self.experimenter, json.dumps({"do": self.draw.choice(["leave", "abort"])}))
             return
         self.stopped_last = True
-        self.hub.part(self.first)
+        self.hub.unregister(self.first)
         self.first, self.second = self.second, self._page(True)
 
     def check(self, after: str) -> None:

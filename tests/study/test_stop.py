@@ -377,7 +377,7 @@ def test_a_thread_that_dies_ends_the_server_with_the_coils_off(
     assert "enter the same code to continue" in str(host.served.failures[0])
     assert not host.experimenter._listening.is_alive()
     with pytest.raises(InputError, match="has failed"):
-        host.manager.ask({"do": "begin", "code": "P02"}, print)
+        host.manager.enqueue({"do": "begin", "code": "P02"}, print)
 
 
 def test_what_a_locked_database_did_not_take_is_kept_later_in_order(identify: Study, tmp_path: Path) -> None:
@@ -388,17 +388,17 @@ def test_what_a_locked_database_did_not_take_is_kept_later_in_order(identify: St
             connection.execute(text("PRAGMA busy_timeout = 10"))
         with other.connect() as connection:
             connection.execute(text("BEGIN EXCLUSIVE"))
-            session.note("pause", "early", at="2026-01-01T00:00:00.000+00:00", later=True)
-            session.note("resume", later=True)
+            session.record_event("pause", "early", at="2026-01-01T00:00:00.000+00:00", later=True)
+            session.record_event("resume", later=True)
             with pytest.raises(RecordingError, match="locked"):
-                session.note("consent")
+                session.record_event("consent")
             connection.rollback()
-        session.keep_late()
+        session.store_late_events()
         with other.connect() as connection:
             assert connection.execute(text("SELECT count(*) FROM events")).scalar_one() == 3, (
                 "nothing else was kept yet"
             )
-        session.note("repeat")
+        session.record_event("repeat")
     with other.connect() as connection:
         rows = connection.execute(text("SELECT kind, at FROM events ORDER BY id")).all()
     assert [row[0] for row in rows] == ["begin", "pause", "resume", "repeat"]
@@ -420,7 +420,7 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 @pytest.mark.parametrize("key", [b" ", b"\x1b", b"q"])
 def test_a_key_stops_while_nobody_takes_keys(typed: int, key: bytes) -> None:
     servo, halt = FakeServo(), StopSwitch()
-    halt.attach(servo, halt.ask())
+    halt.attach(servo, halt.read_count())
     with Keyboard(halt) as keys:
         os.write(typed, b"e" + key)
         _until(lambda: servo.off)
@@ -432,7 +432,7 @@ def test_a_key_stops_while_nobody_takes_keys(typed: int, key: bytes) -> None:
 
 def test_space_is_a_letter_while_words_are_typed_and_escape_stops(typed: int) -> None:
     servo, halt = FakeServo(), StopSwitch()
-    halt.attach(servo, halt.ask())
+    halt.attach(servo, halt.read_count())
     with Keyboard(halt, lambda: True) as keys:
         os.write(typed, b"a q")
         assert [keys.next_key(30) for _ in range(3)] == ["a", "space", "q"]
@@ -444,7 +444,7 @@ def test_space_is_a_letter_while_words_are_typed_and_escape_stops(typed: int) ->
 
 def test_ctrl_c_stops_before_the_main_thread_hears_of_it(typed: int) -> None:
     servo, halt = FakeServo(), StopSwitch()
-    halt.attach(servo, halt.ask())
+    halt.attach(servo, halt.read_count())
     before = signal.signal(signal.SIGINT, lambda number, frame: None)
     try:
         with Keyboard(halt):

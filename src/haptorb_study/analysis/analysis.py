@@ -31,7 +31,7 @@ from haptorb_study.analysis.magnitude import MagnitudeScale, estimate_magnitudes
 from haptorb_study.analysis.number_format import json_number
 from haptorb_study.analysis.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb_study.analysis.response_times import ResponseTime, find_response_times, list_response_times
-from haptorb_study.analysis.tracks import ConditionTracks, follow_tracks
+from haptorb_study.analysis.tracks import ConditionTracks, fit_tracks
 from haptorb_study.columns import Columns, read_study, select_kind, tidy
 from haptorb_study.copies import Kind
 from haptorb_study.database import database, participants, sessions
@@ -42,7 +42,7 @@ from haptorb_study.study_file import Study
 __all__ = ["Analysis", "analyse", "analysis_of", "read_plans"]
 
 
-_RECORDED = ("participant", "trial", "safety", "recording")
+_RECORDING_COLUMNS = ("participant", "trial", "safety", "recording")
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class Analysis(NotebookReport):
         if self.means:
             found["condition_means"] = list_condition_means(self.means)
         if self.rings:
-            found["error_mm"] = [_analysis_numbers(ring) for ring in self.rings]
+            found["error_mm"] = [_to_json(ring) for ring in self.rings]
         if self.curves:
             found["curves"] = {name: one.numbers() for name, one in self.curves.items()}
         if self.curves or self.tracks or self.magnitudes:
@@ -196,7 +196,7 @@ class Analysis(NotebookReport):
         if self.tracks:
             found["thresholds"] = {name: one.numbers() for name, one in self.tracks.items()}
         if self.scores:
-            found["ratings"] = {name: _analysis_numbers(one) for name, one in self.scores.items()}
+            found["ratings"] = {name: _to_json(one) for name, one in self.scores.items()}
         if self.chosen:
             found["choices"] = [
                 {"a": a, "b": b, "a_chosen": k, "of": n, "interval_95": list(w)}
@@ -240,17 +240,17 @@ def analyse(
     parts["means"] = average_conditions(study, main, people.tolist())
     if study.procedure in SPHERICAL and np.isfinite(main["distance_mm"]).any():
         parts["rings"] = measure_rings(main, index, len(people))
-    if main.keys() >= set(_RECORDED):  # external answers have no recordings
+    if main.keys() >= set(_RECORDING_COLUMNS):  # external answers have no recordings
         parts["recorded"] = tuple(
             (str(code), int(trial), str(safety), str(part))
-            for code, trial, safety, part in zip(*(main[n] for n in _RECORDED), strict=True) if part
+            for code, trial, safety, part in zip(*(main[n] for n in _RECORDING_COLUMNS), strict=True) if part
         )  # fmt: skip
-    notes = _list_empty(study, main)
+    notes = _list_empty_conditions(study, main)
     if study.procedure == "constant":
         parts["curves"], more = fit_curves(main, progress)
         notes += more
     if study.procedure in ("staircase", "bayesian"):
-        parts["tracks"] = tracks = follow_tracks(study, main, progress)
+        parts["tracks"] = tracks = fit_tracks(study, main, progress)
         parts["thresholds"] = {
             name: {code: fit.threshold for code, fit in one.people.items() if fit.complete}
             for name, one in tracks.items()
@@ -274,7 +274,7 @@ def analyse(
     )  # fmt: skip
 
 
-def _list_empty(study: Study, main: Columns) -> list[str]:
+def _list_empty_conditions(study: Study, main: Columns) -> list[str]:
     """Notes on conditions without answers; a forced choice compares every condition with the others, so it has none."""
     if study.procedure == "forced-choice":
         return []
@@ -282,7 +282,7 @@ def _list_empty(study: Study, main: Columns) -> list[str]:
     return [f"condition '{one.name}': no answers yet" for one in study.conditions if one.name not in met]
 
 
-def _analysis_numbers(row: Any) -> dict[str, Any]:
+def _to_json(row: Any) -> dict[str, Any]:
     """The fields of `row` as plain JSON types; NaN and infinity become None."""
     return {key: json_number(value) if isinstance(value, float) else value for key, value in vars(row).items()}
 

@@ -15,10 +15,17 @@ from haptorb_study.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
 from haptorb_study.columns import Columns
 from haptorb_study.statistics.effect_size import EffectSize, effect_size
 from haptorb_study.statistics.intervals import mean_interval, share_interval, wilson
-from haptorb_study.statistics.significance import PairTest, correct_p, decide_p
+from haptorb_study.statistics.significance import PairTest, compute_p, correct_p
 from haptorb_study.study_file import Study
 
-__all__ = ["ConditionComparison", "RatingMean", "compare_conditions", "count_choices", "decide", "rate_condition"]
+__all__ = [
+    "ConditionComparison",
+    "RatingMean",
+    "compare_conditions",
+    "compare_values",
+    "count_choices",
+    "rate_condition",
+]
 
 
 _Question = tuple[str, tuple[str, str] | None]  # measure and pair of conditions; None: against zero
@@ -123,7 +130,7 @@ def compare_conditions(
             if family is not planned and plan and plan.find(measure, *(between or ("", ""))):
                 continue
             values = measures.compare(measure, between)
-            row = decide(measure, unit_of(measure, study.level_unit), between, values, test)
+            row = compare_values(measure, unit_of(measure, study.level_unit), between, values, test)
             if row is not None:
                 rows.append(replace(row, planned=family is planned))
         corrected = correct_p([row.p for row in rows], correction)
@@ -131,7 +138,7 @@ def compare_conditions(
     return tuple(found)
 
 
-def decide(
+def compare_values(
     measure: str, unit: str, between: tuple[str, str] | None, values: PersonValues, test: PairTest = "t"
 ) -> ConditionComparison | None:
     """The test of participants' `values`; None with fewer than two participants."""
@@ -141,7 +148,7 @@ def decide(
     a, b = between or ("", "")
     low, high = mean_interval(d)
     return ConditionComparison(
-        measure, unit, a, b, float(d.mean()), float(low), float(high), len(d), float(decide_p(d, test)), test=test,
+        measure, unit, a, b, float(d.mean()), float(low), float(high), len(d), float(compute_p(d, test)), test=test,
         effect=effect_size(d, values.spread),
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ from haptorb_study.study_file import Study
 __all__ = ["ConditionMean", "average_conditions", "list_condition_means", "make_condition_table"]
 
 
-_PROCEDURES = ("identification", "localisation")  #: other procedures have tables of their own
+_PROCEDURES_WITH_ERRORS = ("identification", "localisation")  #: other procedures have tables of their own
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class ConditionMean:
 
 def average_conditions(study: Study, main: Columns, people: Sequence[str]) -> tuple[ConditionMean, ...]:
     """Mean of each measure in each condition, in the order of the study file; without values: left out."""
-    if study.procedure not in _PROCEDURES:
+    if study.procedure not in _PROCEDURES_WITH_ERRORS:
         return ()
     measures = PersonMeasures(study, main, [str(code) for code in people])
     found = []

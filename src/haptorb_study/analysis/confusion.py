@@ -19,7 +19,7 @@ from haptorb_study.study_file import Study
 __all__ = ["Arrow", "Confusion", "count_answers", "describe_accuracy", "find_arrows", "list_wrong_answers"]
 
 
-WANDERED = 1 / 3  #: share of the wrong answers to a set-point that must agree for an arrow
+MIN_ARROW_SHARE = 1 / 3  #: share of the wrong answers to a set-point that must agree for an arrow
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def find_arrows(confusion: Confusion) -> tuple[Arrow, ...]:
     for i, row in enumerate(wrong):
         total = row.sum()
         for j in np.flatnonzero(row):
-            if row[j] / total >= WANDERED - 1e-12:
+            if row[j] / total >= MIN_ARROW_SHARE - 1e-12:
                 of, to = confusion.numbers[i], confusion.numbers[int(j)]
                 found.append(Arrow(of, to, int(total), float(row[j] / total)))
     return tuple(found)

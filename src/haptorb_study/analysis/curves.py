@@ -20,7 +20,7 @@ __all__ = ["JND", "ConditionCurves", "effect_numbers", "fit_curves"]
 
 JND = 0.6745  #: spreads from the point of subjective equality to 75 % "comparison stronger"
 
-_SAME = 8  #: trials from which identical answers are reported
+_MIN_IDENTICAL_ANSWERS = 8  #: trials from which identical answers are reported
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def fit_curves(
         for n, code in enumerate(people.tolist()):
             fit = fit_person(likelihood, n)
             given = np.unique(main["answer"][here][person == n])
-            if len(given) == 1 and fit.trials >= _SAME:
+            if len(given) == 1 and fit.trials >= _MIN_IDENTICAL_ANSWERS:
                 fit = replace(fit, notes=(f"every one of {fit.trials} answers is {given[0]:g}", *fit.notes))
             fits[str(code)] = fit
             done += 1

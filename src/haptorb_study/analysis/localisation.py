@@ -15,7 +15,7 @@ from haptorb_study.analysis.measures import PersonMeasures, measure_upward
 from haptorb_study.columns import Columns
 from haptorb_study.statistics.information import Information, transfer_information
 from haptorb_study.statistics.intervals import mean_interval
-from haptorb_study.statistics.significance import decide_p
+from haptorb_study.statistics.significance import compute_p
 from haptorb_study.statistics.sphere import (
     DirectionSpread,
     error_vectors,
@@ -28,7 +28,7 @@ from haptorb_study.study_file import Study
 __all__ = ["ErrorAxis", "Localisation", "PersonMean", "PlaceError", "localise"]
 
 
-_ROUNDING = 1e-9  #: smaller errors are rounding of the directions, which no test may find significant [deg]
+_MIN_ERROR_DEG = 1e-9  #: smaller errors are rounding of the directions, which no test may find significant [deg]
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
     for point in study.points:
         here = (main["set_point"] == point.number) & known
         if here.any():
-            rise, turn = (_localisation_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around))
+            rise, turn = (_finite_mean(np.sum(errors[here] * axis[here], axis=-1)) for axis in (up, around))
             places.append(
                 PlaceError(
                     point.number, point.theta_deg, point.phi_deg, rise, turn, summarize_directions(answered[here])
@@ -129,13 +129,13 @@ def localise(study: Study, main: Columns, people: Sequence[str]) -> Localisation
 def average_people(values: Array) -> PersonMean:
     """Mean of one value per participant (at least one)."""
     low, high = mean_interval(values)
-    p = float(decide_p(values)) if len(values) > 1 else math.nan
+    p = float(compute_p(values)) if len(values) > 1 else math.nan
     return PersonMean(float(np.mean(values)), float(low), float(high), len(values), p)
 
 
 def _axis(name: str, set_points: Any, values: Array, index: Any, people: int) -> ErrorAxis:
     met = np.isfinite(values)
-    values, index = np.where(np.abs(values) < _ROUNDING, 0.0, values)[met], index[met]
+    values, index = np.where(np.abs(values) < _MIN_ERROR_DEG, 0.0, values)[met], index[met]
     counts = np.bincount(index, minlength=people)
     own = (np.bincount(index, values, people) / np.maximum(counts, 1))[counts > 0]
     _, place = np.unique(np.stack([index, set_points[met].astype(int)]), axis=1, return_inverse=True)
@@ -163,7 +163,7 @@ def _inform(study: Study, main: Columns, known: Any, index: Any, people: int) ->
     return found
 
 
-def _localisation_mean(values: Array) -> float:
+def _finite_mean(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else math.nan
 

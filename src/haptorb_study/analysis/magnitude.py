@@ -83,13 +83,13 @@ def _average(main: Columns, condition: str, laws: dict[str, PowerLaw], scales: d
     factors = np.array([law.log_at_reference - scales.get(code, math.nan) for code, law in laws.items()])
     low, high = mean_interval(own)
     return MagnitudeScale(
-        condition, len(laws), levels, np.exp(_magnitude_mean(own)), np.exp(low), np.exp(high), float(each.mean()),
-        _magnitude_ends(*mean_interval(each)), exponents, float(np.exp(_magnitude_mean(factors))),
-        _magnitude_ends(*np.exp(mean_interval(factors))) if np.nan_to_num(factors).any() else (math.nan, math.nan),
+        condition, len(laws), levels, np.exp(_mean_over_people(own)), np.exp(low), np.exp(high), float(each.mean()),
+        _to_floats(*mean_interval(each)), exponents, float(np.exp(_mean_over_people(factors))),
+        _to_floats(*np.exp(mean_interval(factors))) if np.nan_to_num(factors).any() else (math.nan, math.nan),
     )  # fmt: skip
 
 
-def _magnitude_mean(values: Array) -> Array:
+def _mean_over_people(values: Array) -> Array:
     """(n,) mean over participants without NaN; NaN where all are NaN."""
     known = np.isfinite(values)
     with np.errstate(invalid="ignore"):
@@ -97,7 +97,7 @@ def _magnitude_mean(values: Array) -> Array:
     return found
 
 
-def _magnitude_ends(low: Any, high: Any) -> tuple[float, float]:
+def _to_floats(low: Any, high: Any) -> tuple[float, float]:
     return float(low), float(high)
 
 

@@ -23,7 +23,7 @@ from haptorb_study.study_file import Study
 __all__ = ["PersonMeasures", "PersonValues", "Thresholds", "fit_slope", "list_thresholds", "measure_upward"]
 
 
-_COLUMN = {"error": "distance_mm", "accuracy": "correct", "rating": "answer"}
+_MEASURE_COLUMNS = {"error": "distance_mm", "accuracy": "correct", "rating": "answer"}
 Thresholds = Mapping[str, Mapping[str, float]]  #: condition → participant's code → threshold
 
 
@@ -151,7 +151,9 @@ def _measure(
     if measure == "error-slope":
         return fit_slope(main["theta_deg"][rows], main["distance_mm"][rows].astype(float))
     values = (
-        measure_upward(study, main, rows) if measure == "upward-bias" else main[_COLUMN[measure]][rows].astype(float)
+        measure_upward(study, main, rows)
+        if measure == "upward-bias"
+        else main[_MEASURE_COLUMNS[measure]][rows].astype(float)
     )
     values = values[np.isfinite(values)]
     return float(values.mean()) if len(values) else math.nan

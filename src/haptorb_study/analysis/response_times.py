@@ -61,9 +61,9 @@ def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]
                 len(seconds),
                 len(own),
                 float(medians.mean()),
-                _response_times_ends(medians),
+                _interval(medians),
                 float(np.exp(logs[known].mean())) if known.any() else math.nan,
-                _response_times_ends(logs, exponential=True),
+                _interval(logs, exponential=True),
                 None if limit is None else int(np.count_nonzero(seconds > limit)),
             )
         )
@@ -111,6 +111,6 @@ def _rows(times: tuple[ResponseTime, ...]) -> Iterator[tuple[str, ...]]:
         )  # fmt: skip
 
 
-def _response_times_ends(values: Array, *, exponential: bool = False) -> tuple[float, float]:
+def _interval(values: Array, *, exponential: bool = False) -> tuple[float, float]:
     low, high = (float(end) for end in mean_interval(values))
     return (math.exp(low), math.exp(high)) if exponential and math.isfinite(low) else (low, high)

@@ -21,12 +21,12 @@ from haptorb_study.statistics.psychometric_grid import PsychometricGrid
 from haptorb_study.study_file import Study
 from haptorb_study.study_tables import Levels
 
-__all__ = ["ConditionTracks", "TrackFit", "follow_tracks"]
+__all__ = ["ConditionTracks", "TrackFit", "fit_tracks"]
 
 
-_SPREADS = (1 / 6, 2.0)  #: range of a staircase's spread [octaves of the difference], as in QUEST+
-_FALL = math.exp(-1.9207)  #: likelihood ratio at the 95 % limits: χ²₁ quantile
-_STAIRCASE_SHARE = 0.5**0.5  #: share of correct answers to which 1-up/2-down converges (Levitt 1971)
+_SPREAD_RANGE_OCTAVES = (1 / 6, 2.0)  #: range of a staircase's spread [octaves of the difference], as in QUEST+
+_LIKELIHOOD_RATIO_95 = math.exp(-1.9207)  #: likelihood ratio at the 95 % limits: χ²₁ quantile
+_CONVERGED_SHARE = 0.5**0.5  #: share of correct answers to which 1-up/2-down converges (Levitt 1971)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ConditionTracks:
         return found
 
 
-def follow_tracks(
+def fit_tracks(
     study: Study, main: Columns, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, ConditionTracks]:
     """Tracks by condition, from trials without practice. `progress` receives (tracks done, tracks in all)."""
@@ -134,7 +134,7 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
         # A staircase's posterior has a long tail at the least differences, where there are few trials.
         fitted = 2 ** (float(mass @ axis) if procedure == "bayesian" else find_median(axis, mass))
         own = track.threshold if track.complete else math.nan
-        notes = _note(track, (low, high))
+        notes = _list_notes(track, (low, high))
         people[code] = TrackFit(
             len(track.right), track.complete, own, fitted, (float(np.exp2(low)), float(np.exp2(high))), notes
         )
@@ -176,7 +176,7 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
     else:
         answered = count_by_level(at, right, person, len(tracks))
     limits = math.log2(least) - 1, math.log2(most) + 1
-    grid = PsychometricGrid.enclose(answered, 0.5, _STAIRCASE_SHARE, limits, _SPREADS)
+    grid = PsychometricGrid.enclose(answered, 0.5, _CONVERGED_SHARE, limits, _SPREAD_RANGE_OCTAVES)
     _, spreads, lapses = grid.priors
     likelihoods = (grid.likelihoods @ lapses) @ spreads
     return grid.thresholds, likelihoods, grid.posterior.sum(axis=(2, 3))
@@ -187,14 +187,14 @@ def _open_ends(limits: tuple[float, float], axis: Array, likelihood: Array) -> t
 
     Thresholds beyond the axis explain the answers as well as its last point, so that where it ends decides nothing.
     """
-    enough = float(likelihood.max()) * _FALL
+    enough = float(likelihood.max()) * _LIKELIHOOD_RATIO_95
     return (
         -math.inf if float(likelihood[0]) >= enough else limits[0],
         math.inf if float(likelihood[-1]) >= enough else limits[1],
     )
 
 
-def _note(track: _Track, limits: tuple[float, float]) -> tuple[str, ...]:
+def _list_notes(track: _Track, limits: tuple[float, float]) -> tuple[str, ...]:
     found = []
     if not track.complete:
         found.append(f"not finished: {len(track.right)} trials")

@@ -22,9 +22,9 @@ from haptorb_study.feel.designs import Candidate
 
 __all__ = ["InsertionForces", "PeakShares", "course", "explain_peaks", "force_along", "world_wrench"]
 
-OWN_REACH = 0.02  #: along X', range computed for a user's own world [m]: 40° of handle move the part 17 mm
-_TICK = 1e-3  #: time step of a world with memory [s]
-_MOST_TICKS = 20_000  #: ticks of one slow motion at most
+OWN_WORLD_RANGE_M = 0.02  #: along X', range computed for a user's own world [m]: 40° of handle move the part 17 mm
+_TIME_STEP_S = 1e-3  #: time step of a world with memory [s]
+_MAX_TICKS = 20_000  #: ticks of one slow motion at most
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
     elif isinstance(world, SnapFit):
         reach = (world.hook.tip - world.hook.base_length) * 1.15
     else:
-        reach = OWN_REACH
+        reach = OWN_WORLD_RANGE_M
     place = np.linspace(0.0, reach, points)
     if isinstance(world, DynamicWorld):
         out, back = _move_memory(design, (0.0, reach, 0.0), speed)
@@ -68,7 +68,7 @@ def course(design: Candidate, points: int = 400, speed: float = 0.1) -> Insertio
     return InsertionForces(place, forces[0], -forces[1], design.root)
 
 
-_OFF_MIDDLE = 1e-4  #: lateral offset [m] that shows the coupling of two hooks on one rigid part
+_LATERAL_OFFSET_M = 1e-4  #: lateral offset [m] that shows the coupling of two hooks on one rigid part
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _explain_peak(world: SnapFit, way: str) -> PeakShares:
     pulled = sign * push * ratio / (1.0 + ratio * float(soft.minus / soft.plus))
     held = balance_face(hook, place, bent, sign * slope, sign * world.friction, world.beam)
     sharp = sign * world.hooks * float(held.pull)
-    straight, aside = (_find_peak(world, sign, y) for y in (0.0, _OFF_MIDDLE))
+    straight, aside = (_find_peak(world, sign, y) for y in (0.0, _LATERAL_OFFSET_M))
     coupling = aside - straight if world.hooks > 1 else 0.0
     return PeakShares(way, handbook, pulled - handbook, sharp - pulled, straight - sharp, coupling)
 
@@ -148,7 +148,7 @@ def force_along(design: Candidate, x: float, speed: float) -> float:
     position and back. Raises InputError with the place in the user's code if a world of their own fails there.
     """
     if isinstance(design.world, DynamicWorld):
-        turns = (0.0, x) if speed > 0.0 else (0.0, OWN_REACH, x)
+        turns = (0.0, x) if speed > 0.0 else (0.0, OWN_WORLD_RANGE_M, x)
         return float(_move_memory(design, turns, abs(speed))[-1][-1, 1])
     return float(world_wrench(design, _state_at(x, speed))[0])
 
@@ -161,25 +161,25 @@ def _move_memory(design: Candidate, turns: Sequence[float], speed: float) -> lis
     """For each section between two `turns` [m], at `speed` [m/s] in ticks: (n, 2) X' [m] and F_X' [N]. The memory of
     the world lasts over all sections."""
     world = design.world
-    bound = bind_world(world, _TICK)
+    bound = bind_world(world, _TIME_STEP_S)
     assert bound is not None
     found = []
     for start, end in pairwise(turns):
-        count = min(max(math.ceil(abs(end - start) / max(speed, 1e-9) / _TICK), 1), _MOST_TICKS)
+        count = min(max(math.ceil(abs(end - start) / max(speed, 1e-9) / _TIME_STEP_S), 1), _MAX_TICKS)
         pace = math.copysign(speed, end - start)
         rows = np.empty((count + 1, 2))
         for n, x in enumerate(np.linspace(start, end, count + 1).tolist()):
-            rows[n] = x, _ask(world, bound.wrench, _state_at(x, pace))[0]
+            rows[n] = x, _evaluate_world(world, bound.wrench, _state_at(x, pace))[0]
         found.append(rows)
     return found
 
 
 def world_wrench(design: Candidate, state: State) -> Array:
     """(6,) wrench on the part at `state` [N, N·m]; InputError as in `force_along`."""
-    return _ask(design.world, design.world.wrench, state)
+    return _evaluate_world(design.world, design.world.wrench, state)
 
 
-def _ask(world: World, wrench: Callable[[State], Array], state: State) -> Array:
+def _evaluate_world(world: World, wrench: Callable[[State], Array], state: State) -> Array:
     try:
         return check_wrench(wrench(state))
     except Exception as cause:

@@ -27,7 +27,7 @@ from haptorb.worlds.base import values as parameter_values
 from haptorb.worlds.snap_fit import RootLoad
 from haptorb.worlds.user_world import WorldFile, is_world_file, parse_world_file
 
-__all__ = ["ONLY", "Candidate", "Candidates", "DesignFile", "DesignTable", "load_designs", "own_candidate"]
+__all__ = ["OWN_KEYS", "Candidate", "Candidates", "DesignFile", "DesignTable", "load_designs", "own_candidate"]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -165,11 +165,11 @@ class DesignTable(BaseModel):
 
 
 #: world → keys that only its designs have
-ONLY = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
+OWN_KEYS = {"snap_fit": ("half_width", "clearance"), "outlet": ("plug_width", "opening", "arm", "lead_in")}
 
 
 def _check_world(text: str) -> str:
-    if text not in ONLY and not is_world_file(text):
+    if text not in OWN_KEYS and not is_world_file(text):
         raise ValueError(f"must be 'snap_fit', 'outlet' or a file FILE.py:NAME; got {quote(text)}")
     return text
 
@@ -205,7 +205,7 @@ class DesignFile(BaseModel):
     ] = Field(min_length=1, max_length=100)
 
 
-_MISTAKES = 40  #: reported at once
+_MAX_MISTAKES = 40  #: reported at once
 
 
 @dataclass(frozen=True)
@@ -325,8 +325,12 @@ def load_designs(path: str | Path) -> Candidates:
 
 
 def _list_mistakes(where: str, mistakes: list[str]) -> str:
-    more = [f"and {len(mistakes) - _MISTAKES} more mistakes"] if len(mistakes) > _MISTAKES else []
-    return f"{where}: {mistakes[0]}" if len(mistakes) == 1 else "\n  ".join([f"{where}:", *mistakes[:_MISTAKES], *more])
+    more = [f"and {len(mistakes) - _MAX_MISTAKES} more mistakes"] if len(mistakes) > _MAX_MISTAKES else []
+    return (
+        f"{where}: {mistakes[0]}"
+        if len(mistakes) == 1
+        else "\n  ".join([f"{where}:", *mistakes[:_MAX_MISTAKES], *more])
+    )
 
 
 def _material(name: str, design: DesignTable) -> tuple[float, float, bool]:
@@ -358,7 +362,7 @@ def _mistakes_of_common(common: dict[str, Any]) -> list[str]:
 
 def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate:
     design = DesignTable.model_validate(values)
-    for world, keys in ONLY.items():
+    for world, keys in OWN_KEYS.items():
         wrong = [key for key in keys if world != file.world and getattr(design, key) is not None]
         if wrong:
             raise InputError(f"{wrong[0]} is a key of world '{world}', but this file is for world '{file.world}'")
@@ -367,7 +371,7 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
         design.base_length, design.peak, design.thickness, design.height, design.width, design.insertion,
         design.retention, E, nu, flat_top=design.top == "flat",
     )  # fmt: skip
-    others = {key: getattr(design, key) for key in ONLY[file.world] if getattr(design, key) is not None}
+    others = {key: getattr(design, key) for key in OWN_KEYS[file.world] if getattr(design, key) is not None}
     kind: type[SnapFit] | type[Outlet] = SnapFit if file.world == "snap_fit" else Outlet
     made = kind.of(hook, design.friction, file.beam, material=design.material, **others)
     remarks = list(hook.remarks(metal))

@@ -28,7 +28,7 @@ from haptorb_study.feel.session import FELT, SCORES, DesignRating, FeelSession, 
 
 __all__ = [
     "HELP",
-    "SMALLEST",
+    "MIN_GAIN",
     "DesignPanel",
     "FeltServo",
     "LiveFeeling",
@@ -38,8 +38,8 @@ __all__ = [
     "TrueScale",
     "check_slot",
     "execute_line",
-    "keep_feeling",
     "read_lines",
+    "store_feeling",
     "wait_for_lines",
     "world_key",
 ]
@@ -49,7 +49,7 @@ __all__ = [
 # Assignment of the servo's rows to presentations, by the world's number in a row.
 
 
-_LONGEST = 600_000  #: ticks recorded of one presentation: ten minutes
+_MAX_TRACE_TICKS = 600_000  #: ticks recorded of one presentation: ten minutes
 
 
 def world_key(number: int) -> str:
@@ -110,7 +110,7 @@ class TraceCollector:
         """Append `rows` (n, width) to the traces; returns the presentations that ended."""
         worlds = rows[:, layout["world"].start]
         for number, feeling in self._feelings.items():
-            room = max(_LONGEST - len(feeling.trace), 0)
+            room = max(_MAX_TRACE_TICKS - len(feeling.trace), 0)
             found = trace_rows(layout, rows[worlds == number])
             feeling.trace.extend(found[:room])
             if len(found) and not feeling.felt:
@@ -125,10 +125,10 @@ class TraceCollector:
         return left
 
 
-def keep_feeling(session: FeelSession, feeling: LiveFeeling, *, gently: bool) -> None:
+def store_feeling(session: FeelSession, feeling: LiveFeeling, *, gently: bool) -> None:
     """Write the trace of `feeling`, unless it is empty."""
     if len(feeling.trace):
-        session.keep(
+        session.store_trace(
             feeling.trace, name=feeling.file, person=feeling.person, feeling=feeling.id, blind=feeling.blind,
             scale=feeling.scale, gently=gently,
         )  # fmt: skip
@@ -138,7 +138,7 @@ def keep_feeling(session: FeelSession, feeling: LiveFeeling, *, gently: bool) ->
 # Scale between the force on the part and the force in the hand: handle, gains and torque scale.
 
 
-SMALLEST = 0.05  #: smallest gain that a session offers
+MIN_GAIN = 0.05  #: smallest gain that a session offers
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ class LiveSession:
                 "finished": self.finished,
                 "gain": {
                     "now": self._scale,
-                    "low": SMALLEST,
+                    "low": MIN_GAIN,
                     "high": self.limits.largest,
                     "reason": self.limits.reason,
                     "hand": self.limits.hand_per_part * self._scale,
@@ -344,7 +344,7 @@ class LiveSession:
                 now.trace.design.name, score, person=now.person, trace=now.file, feeling=now.id, blind=now.blind
             )
             now.score = score
-            self._tell(f"{self.label}: rated {score}" + (f" by {self.person}" if self.person else ""))
+            self._notify(f"{self.label}: rated {score}" + (f" by {self.person}" if self.person else ""))
 
     def feel_next(self) -> None:
         """Present one of the designs that this person rated least often, in random order."""
@@ -365,7 +365,7 @@ class LiveSession:
                 self._servo.set_world(world_key(self.designs.index(design)))
             self._now = self._start(design)
             self._felt.begin(self._now, served=self._servo is not None)
-            self._tell(f"now: {self.label}")
+            self._notify(f"now: {self.label}")
 
     def feel_slot(self, slot: str) -> None:
         """Render the design in slot "a" or "b"."""
@@ -375,7 +375,7 @@ class LiveSession:
         """Assign `design` to slot "a" or "b"."""
         with self._lock:
             self._pair[slot] = design
-            self._tell(f"{slot.upper()}: {self._label(design)}")
+            self._notify(f"{slot.upper()}: {self._label(design)}")
 
     def set_person(self, code: str) -> None:
         """Set the person who rates; each has separate ratings and order."""
@@ -385,7 +385,7 @@ class LiveSession:
             if code == self.person:
                 return
             self.person = code
-            self._tell(f"person: {code or 'no code'}")
+            self._notify(f"person: {code or 'no code'}")
             order = self._order
             self._pair = {"a": order[0], "b": order[1 % len(order)]}
             self.feel(self._find_next(None))
@@ -405,7 +405,7 @@ class LiveSession:
                 self.feel(self._find_next(None))
             else:
                 self._now.blind = False
-            self._tell("designs hidden" if blind else f"designs shown; now: {self.label}")
+            self._notify("designs hidden" if blind else f"designs shown; now: {self.label}")
 
     def set_scale(self, scale: object) -> None:
         """All torques of the handle times `scale` from now on, as far as stability and the device allow; a new feeling
@@ -413,30 +413,30 @@ class LiveSession:
         with self._lock:
             self._check_running()
             largest = self.limits.largest
-            if isinstance(scale, bool) or not isinstance(scale, int | float) or not SMALLEST <= scale <= largest:
-                wanted = f"between {SMALLEST:g} and {largest:.3g} ({self.limits.reason})"
+            if isinstance(scale, bool) or not isinstance(scale, int | float) or not MIN_GAIN <= scale <= largest:
+                wanted = f"between {MIN_GAIN:g} and {largest:.3g} ({self.limits.reason})"
                 raise InputError(f"the gain must lie {wanted}; got {quote(scale)}")
             if self._servo is not None:
                 self._servo.set_torque_scale(float(scale))
             self._scale = float(scale)
             self.feel(self.current)
-            self._tell(f"gain {scale:g}")
+            self._notify(f"gain {scale:g}")
 
     def set_limits(self, limits: ScaleLimits) -> None:
         """Set the limits of the torque scale, once computed."""
         with self._lock:
             self.limits = limits
-            self._tell(f"gain: at most {limits.largest:.3g}: {limits.reason}")
+            self._notify(f"gain: at most {limits.largest:.3g}: {limits.reason}")
 
     def finish(self) -> None:
         """Finish the session; its servo is closed by whoever opened it."""
         with self._lock:
             self.finished = True
-            self._tell("finished")
+            self._notify("finished")
 
     # servo
 
-    def join(self, servo: FeltServo) -> None:
+    def attach(self, servo: FeltServo) -> None:
         """Attach `servo`, which renders `current` and has all designs by their `world_key`."""
         self._servo = servo
 
@@ -450,14 +450,14 @@ class LiveSession:
             done = self._felt.collect(self._servo.layout, rows)
             self.version += self._now.felt and not before
         for feeling in done:
-            keep_feeling(self._session, feeling, gently=True)
+            store_feeling(self._session, feeling, gently=True)
 
     def close(self) -> None:
         """Write the traces of the last presentation, after the servo has ended."""
         with self._lock:
             left = self._felt.end()
         for feeling in left:
-            keep_feeling(self._session, feeling, gently=False)
+            store_feeling(self._session, feeling, gently=False)
 
     def _start(self, design: Candidate) -> LiveFeeling:
         file = self._session.reserve(design.name)
@@ -474,7 +474,7 @@ class LiveSession:
         if self.finished:
             raise InputError("this feel session has ended; its report is being written")
 
-    def _tell(self, text: str) -> None:
+    def _notify(self, text: str) -> None:
         self.version += 1
         self.notify(text)
 
@@ -490,7 +490,7 @@ def check_slot(slot: object) -> str:
 # Terminal of a feel session: one command per line; wrong lines are reported and asked for again.
 
 
-_LOOK = 0.2  #: polling interval for the end of the session [s]
+_POLL_INTERVAL_S = 0.2  #: polling interval for the end of the session [s]
 
 HELP = (
     f"Type a score from {SCORES[0]} to {SCORES[1]} and press Enter. Enter alone: next design. a, b: feel A or B. "
@@ -537,7 +537,7 @@ def wait_for_lines(descriptor: int, ended: Callable[[], bool]) -> Iterator[str]:
     """Lines from `descriptor` until it ends or `ended()`; polled, because a blocking read could not be interrupted."""
     rest = b""
     while not ended():
-        if not select([descriptor], [], [], _LOOK)[0]:
+        if not select([descriptor], [], [], _POLL_INTERVAL_S)[0]:
             continue
         more = os.read(descriptor, 4096)
         if not more:

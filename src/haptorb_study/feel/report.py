@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "AGREE",
+    "PEAK_TOLERANCE",
     "PeakComparison",
     "collect_traces",
     "compare_peaks",
@@ -51,11 +51,11 @@ __all__ = [
 # peak is displacement that was not travelled. The contributions sum to the difference exactly.
 
 
-AGREE = 0.05  #: relative tolerance between measured and computed peak
-_QUICK = 0.1  #: sliding speed with full friction [m/s], as in `course`
-_STILL = 1e-4  #: standstill below this speed [m/s]
-_MIDDLE, _STRAIGHT = 5e-5, 0.3  #: tolerances of centred [m] and straight [°] motion
-_SHARE = 0.01  #: smallest cause that is listed, relative to the computed peak
+PEAK_TOLERANCE = 0.05  #: relative tolerance between measured and computed peak
+_SLIDING_SPEED_M_PER_S = 0.1  #: sliding speed with full friction [m/s], as in `course`
+_STANDSTILL_M_PER_S = 1e-4  #: standstill below this speed [m/s]
+_CENTRED_M, _STRAIGHT_DEG = 5e-5, 0.3  #: tolerances of centred [m] and straight [°] motion
+_MIN_CAUSE_SHARE = 0.01  #: smallest cause that is listed, relative to the computed peak
 _T, _PEAKS_X, _PEAKS_FX = (COLUMNS.index(name) for name in ("t_s", "x_m", "fx_n"))
 _ASKED, _GIVEN, _GAIN, _SATURATED = (len(COLUMNS) + HAND.index(name) for name in HAND)
 
@@ -72,8 +72,8 @@ class PeakComparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether both agree within AGREE."""
-        return self.felt is not None and abs(self.felt - self.computed) <= AGREE * self.computed
+        """Whether both agree within PEAK_TOLERANCE."""
+        return self.felt is not None and abs(self.felt - self.computed) <= PEAK_TOLERANCE * self.computed
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -106,7 +106,7 @@ def _peaks_compare(design: Candidate, run: InsertionForces, traces: Sequence[Arr
     best: tuple[float, Array, int, float] | None = None
     for rows in traces:
         speeds = _speeds(rows)
-        moving = np.flatnonzero(sign * speeds > _STILL)
+        moving = np.flatnonzero(sign * speeds > _STANDSTILL_M_PER_S)
         if len(moving):
             force = -sign * rows[moving, _PEAKS_FX]
             at = int(moving[np.argmax(force)])
@@ -117,7 +117,7 @@ def _peaks_compare(design: Candidate, run: InsertionForces, traces: Sequence[Arr
     felt, rows, at, speed = best
     x = float(rows[at, _PEAKS_X])
     slow = -sign * force_along(design, x, speed)
-    quick = -sign * force_along(design, x, sign * _QUICK)
+    quick = -sign * force_along(design, x, sign * _SLIDING_SPEED_M_PER_S)
     reached = float((sign * rows[:, _PEAKS_X]).max()) * sign
     peak_at = float(run.place[int(curve.argmax())])
     steps = (
@@ -125,7 +125,7 @@ def _peaks_compare(design: Candidate, run: InsertionForces, traces: Sequence[Arr
         (f"slow motion ({1e3 * abs(speed):.1f} mm/s), without full friction:", slow - quick),
         (_explain_aside(rows[at]), felt - slow),
     )
-    causes = tuple((what, amount) for what, amount in steps if abs(amount) >= _SHARE * computed)
+    causes = tuple((what, amount) for what, amount in steps if abs(amount) >= _MIN_CAUSE_SHARE * computed)
     return PeakComparison(way, computed, felt, causes, _explain_hand(rows[at]))
 
 
@@ -147,7 +147,7 @@ def _explain_place(x: float, peak_at: float, reached: float, sign: float) -> str
 def _explain_aside(row: Array) -> str:
     aside = float(np.hypot(row[_PEAKS_X + 1], row[_PEAKS_X + 2]))
     turn = 2.0 * np.degrees(np.arccos(np.clip(abs(row[COLUMNS.index("qw")]), 0.0, 1.0)))
-    if aside < _MIDDLE and turn < _STRAIGHT:
+    if aside < _CENTRED_M and turn < _STRAIGHT_DEG:
         return "the loop's own estimate of the speed in this tick:"
     return f"off centre ({1e3 * aside:.1f} mm sideways, turned by {turn:.1f}°):"
 
@@ -157,12 +157,12 @@ def _explain_hand(row: Array) -> str:
     asked, given, gain, saturated = (float(row[k]) for k in (_ASKED, _GIVEN, _GAIN, _SATURATED))
     if np.isnan(asked) or asked <= 0.0:
         return ""
-    if gain < 1.0 - AGREE:
+    if gain < 1.0 - PEAK_TOLERANCE:
         return (
             f"the guard passed {100 * gain:.0f} % of it: the force was still ramping up after a start, or a coil "
             "was warm"
         )
-    if abs(given - asked) <= AGREE * asked:
+    if abs(given - asked) <= PEAK_TOLERANCE * asked:
         return ""
     limit = Saturation(int(saturated)) if saturated in tuple(Saturation) else Saturation.NONE
     why = f"the device was at its limit, {limit.text}" if limit else "currents rise with the coils' time constant"
@@ -265,8 +265,8 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSessi
 # Figures of one design: side view of the hook, and computed and measured force over displacement.
 
 
-_DOTS = 4000  #: points drawn in one figure: more cannot be distinguished
-_FIGURES_X, _FIGURES_FX = COLUMNS.index("x_m"), COLUMNS.index("fx_n")
+_MAX_POINTS = 4000  #: points drawn in one figure: more cannot be distinguished
+_X_COLUMN, _FX_COLUMN = COLUMNS.index("x_m"), COLUMNS.index("fx_n")
 
 
 def draw_hook(hook: Hook) -> bytes:
@@ -287,9 +287,9 @@ def draw_forces(design: Candidate, run: InsertionForces, traces: Sequence[Array]
     figure = _make_figure(6.4, 3.4)
     axes = figure.subplots()
     for rows in traces:
-        some = rows[:: max(1, len(rows) * len(traces) // _DOTS)]
+        some = rows[:: max(1, len(rows) * len(traces) // _MAX_POINTS)]
         axes.plot(
-            some[:, _FIGURES_X] * 1e3, -some[:, _FIGURES_FX], ".", color="C1", markersize=2, alpha=0.5, rasterized=True
+            some[:, _X_COLUMN] * 1e3, -some[:, _FX_COLUMN], ".", color="C1", markersize=2, alpha=0.5, rasterized=True
         )
     axes.plot([], [], ".", color="C1", label="felt" if traces else "not felt yet")
     axes.plot(run.place * 1e3, run.coming_out, "C0", label="pull out, computed")

@@ -152,17 +152,20 @@ COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "fx_n", "fy_n", "
 #: quantities at the handle: torque requested and commanded, guard's scale, whether the device was saturated
 HAND = ("asked_nm", "given_nm", "guard_gain", "saturated")
 
-_FORCE, _TORQUE = 0.1, 0.002  #: perception limits on the part [N], [N·m]
-_MOTION, _TURN = 0.5e-3, np.radians(1.0)  #: perception limits of motion since the first tick [m], [rad]
+_FELT_FORCE_N, _FELT_TORQUE_NM = 0.1, 0.002  #: perception limits on the part [N], [N·m]
+_FELT_MOTION_M, _FELT_ROTATION_RAD = (
+    0.5e-3,
+    np.radians(1.0),
+)  #: perception limits of motion since the first tick [m], [rad]
 FELT = "0.1 N or 2 mN·m on the part, or 0.5 mm or 1° of motion, since it was chosen"  #: as text
-_TRACE_MOST = 256 * 1024 * 1024  #: maximum size of a trace [bytes]
-_BLOCK = 500  #: rows written at a time
-_REST = 0.002  #: pause between two blocks while a servo runs: this process must send its keep-alive [s]
+_MAX_TRACE_BYTES = 256 * 1024 * 1024  #: maximum size of a trace [bytes]
+_BLOCK_ROWS = 500  #: rows written at a time
+_BLOCK_PAUSE_S = 0.002  #: pause between two blocks while a servo runs: this process must send its keep-alive [s]
 
 
 @final
 class Trace:
-    """Trace of a presentation: append ticks or rows, then store it with `FeelSession.keep`."""
+    """Trace of a presentation: append ticks or rows, then store it with `FeelSession.store_trace`."""
 
     def __init__(self, design: Candidate) -> None:
         self.design = design
@@ -206,7 +209,10 @@ def is_felt(rows: Array, first: Array | None = None) -> bool:
     cosine = np.abs(rows[:, 4:8] @ start[4:8])
     turned = 2 * np.arccos(np.clip(cosine, 0.0, 1.0))
     return bool(
-        np.any(force >= _FORCE) or np.any(torque >= _TORQUE) or np.any(moved >= _MOTION) or np.any(turned >= _TURN)
+        np.any(force >= _FELT_FORCE_N)
+        or np.any(torque >= _FELT_TORQUE_NM)
+        or np.any(moved >= _FELT_MOTION_M)
+        or np.any(turned >= _FELT_ROTATION_RAD)
     )
 
 
@@ -229,20 +235,20 @@ def write_trace(path: Path, rows: Array, *, gently: bool = False) -> None:
             for block in _blocks(rows):
                 writer.writerows([f"{value:.9g}" for value in row] for row in block.tolist())
                 if gently:
-                    sleep(_REST)
+                    sleep(_BLOCK_PAUSE_S)
     except OSError as cause:
         raise RecordingError(f"{path}: cannot be written ({cause.strerror})") from cause
 
 
 def _blocks(rows: Array) -> Iterator[Array]:
-    for start in range(0, len(rows), _BLOCK):
-        yield rows[start : start + _BLOCK]
+    for start in range(0, len(rows), _BLOCK_ROWS):
+        yield rows[start : start + _BLOCK_ROWS]
 
 
 def read_trace(path: Path) -> Array:
     """(n, 18) rows by COLUMNS and HAND; NaN for columns that an older file lacks. RecordingError if invalid."""
     try:
-        text = read_text(path, "trace", RecordingError, _TRACE_MOST)
+        text = read_text(path, "trace", RecordingError, _MAX_TRACE_BYTES)
         head, *lines = csv.reader(text.splitlines())
         if tuple(head) not in (COLUMNS, COLUMNS + HAND):
             raise ValueError("the columns differ")
@@ -253,8 +259,8 @@ def read_trace(path: Path) -> Array:
     return np.pad(found, ((0, 0), (0, missing)), constant_values=np.nan)
 
 
-_SESSION_MOST = 64 * 1024 * 1024  #: maximum size of all ratings [bytes]
-_LONGEST = 40  #: of a person's code [characters]
+_MAX_RECORD_BYTES = 64 * 1024 * 1024  #: maximum size of all ratings [bytes]
+_MAX_CODE_CHARACTERS = 40  #: of a person's code [characters]
 
 SCORES = SCALE  #: the scale of studies
 
@@ -264,11 +270,13 @@ def check_person(code: str, known: Iterable[str] = ()) -> str:
     meant = suggest_code(code)
     if code and code != meant and meant:
         raise InputError(
-            f"a person's code is typed without spaces and with plain letters and digits: enter '{meant[:_LONGEST]}', "
-            f"if that is meant; got {quote(code)}"
+            "a person's code is typed without spaces and with plain letters and digits: enter "
+            f"'{meant[:_MAX_CODE_CHARACTERS]}', if that is meant; got {quote(code)}"
         )
-    if len(code) > _LONGEST or not code.isprintable() or code != meant or "\ufffd" in code:
-        raise InputError(f"a person's code must have at most {_LONGEST} printable characters; got {quote(code)}")
+    if len(code) > _MAX_CODE_CHARACTERS or not code.isprintable() or code != meant or "\ufffd" in code:
+        raise InputError(
+            f"a person's code must have at most {_MAX_CODE_CHARACTERS} printable characters; got {quote(code)}"
+        )
     other = find_other_spelling(code, known) if code else None
     if other is not None:
         raise InputError(f"a person's code '{code}' is another spelling of '{other}', who has rated: enter '{other}'")
@@ -343,7 +351,7 @@ class FeelSession:
         write_trace(path, np.empty((0, len(COLUMNS) + len(HAND))))
         return f"traces/{path.name}"
 
-    def keep(
+    def store_trace(
         self,
         trace: Trace,
         *,
@@ -447,7 +455,7 @@ class FeelSession:
                 return []
         except OSError as cause:
             raise RecordingError(f"{self._path}: cannot be read ({cause.strerror})") from cause
-        text = read_bytes(self._path, _SESSION_MOST, "ratings", RecordingError).decode("utf-8", "replace")
+        text = read_bytes(self._path, _MAX_RECORD_BYTES, "ratings", RecordingError).decode("utf-8", "replace")
         found, self.skipped = parse_records(text.splitlines())
         return found
 

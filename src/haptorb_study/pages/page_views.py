@@ -17,9 +17,9 @@ from haptorb_study.trial_device import TrialDevice
 __all__ = ["describe_study", "for_experimenter", "for_participant", "pen", "places"]
 
 
-_MOST_CODES = 100  #: shown at most, the newest
-_MOST_INCIDENTS = 200  #: shown at most, the newest
-_MOST_BUTTONS = 21  #: of a rating scale; beyond, a number is typed
+_MAX_CODES = 100  #: shown at most, the newest
+_MAX_INCIDENTS = 200  #: shown at most, the newest
+_MAX_BUTTONS = 21  #: of a rating scale; beyond, a number is typed
 
 
 def describe_study(study: Study, simulated: bool) -> dict[str, Any]:
@@ -93,13 +93,13 @@ def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[st
         "draft": draft,
         "log": manager.log[-200:],
         "code": "",
-        "taken": list(manager.codes.taken[-_MOST_CODES:]),
+        "taken": list(manager.codes.taken[-_MAX_CODES:]),
         "free": manager.codes.free,
         "incidents": [
             {**one, "kind": name, "trial": one["trial"] + 1}
             for one in manager.history
             if (name := name_kind(one["kind"])) is not None
-        ][-_MOST_INCIDENTS:],
+        ][-_MAX_INCIDENTS:],
     }
     runner, session = manager.runner, manager.session
     if session is not None:
@@ -142,7 +142,7 @@ def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
         ask = "Which do you prefer?" if prompt.other else "Which one pushed harder?"
         return {"kind": "compare", "ask": ask, "numbers": [1, 2]}
     if prompt.high:
-        few = prompt.high - prompt.low < _MOST_BUTTONS and not prompt.decimal
+        few = prompt.high - prompt.low < _MAX_BUTTONS and not prompt.decimal
         return {
             "kind": "rate", "ask": ask_number(study), "low": prompt.low, "high": prompt.high, "decimal": prompt.decimal,
             "numbers": list(range(prompt.low, prompt.high + 1)) if few else [],

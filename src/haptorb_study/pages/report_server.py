@@ -88,7 +88,7 @@ class ReportServer:
             return refusal
         number = int(request.path_params["number"])
         if not 0 <= number < len(self._parts):
-            return HTMLResponse(_say("There is no such recording.", again=False), 404, _HEADERS)
+            return HTMLResponse(_message_page("There is no such recording.", again=False), 404, _HEADERS)
         part, trouble = self._parts[number], self._troubles.pop(number, "")
         if not trouble:
             try:
@@ -96,14 +96,14 @@ class ReportServer:
             except InputError as cause:
                 trouble = str(cause)
         if trouble:
-            return HTMLResponse(_say(trouble, again=False), 404, _HEADERS)
+            return HTMLResponse(_message_page(trouble, again=False), 404, _HEADERS)
         url = self._viewers.urls.get(part, "")
         if url:
             return RedirectResponse(url, 303, _HEADERS)
-        return HTMLResponse(_say(f"Opening {Path(part).name} ...", again=True), headers=_HEADERS)
+        return HTMLResponse(_message_page(f"Opening {Path(part).name} ...", again=True), headers=_HEADERS)
 
 
-def _say(text: str, *, again: bool) -> str:
+def _message_page(text: str, *, again: bool) -> str:
     refresh = "<meta http-equiv='refresh' content='1'>" if again else ""
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='color-scheme' content='light dark'>"

@@ -81,8 +81,8 @@ def try_step(do: Callable[[], object]) -> None:
 # `SessionManager.halt`, which waits for no other thread.
 
 
-_TICK = 0.02  #: polling interval of the device [s]
-_WAITING = 100  #: commands queued at most; a human cannot exceed this
+_POLL_INTERVAL_S = 0.02  #: polling interval of the device [s]
+_MAX_QUEUED_COMMANDS = 100  #: commands queued at most; a human cannot exceed this
 
 #: reports the mistake in a page's request to the page, if there is one
 Respond = Callable[[str], None]
@@ -140,13 +140,13 @@ class SessionManager:
         """Whether the thread has ended unexpectedly: commands would not be executed."""
         return bool(self._died) and not self._thread.is_alive()
 
-    def ask(self, command: dict[str, Any], respond: Respond) -> None:
+    def enqueue(self, command: dict[str, Any], respond: Respond) -> None:
         """Enqueue `command`; `respond` receives the mistake, if there is one."""
         if self._died:
             raise InputError(f"the study program has failed and is closing: {self._died}")
-        if self._inbox.qsize() >= _WAITING:
+        if self._inbox.qsize() >= _MAX_QUEUED_COMMANDS:
             raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
-        self._inbox.put((command, self.halt.ask(), respond))
+        self._inbox.put((command, self.halt.read_count(), respond))
 
     @property
     def now(self) -> str:
@@ -175,7 +175,7 @@ class SessionManager:
         else:
             self._try(lambda: self._execute(command, asked), respond)
         if monotonic() >= self._next:
-            self._next = monotonic() + _TICK
+            self._next = monotonic() + _POLL_INTERVAL_S
             # A session whose device or database fails can be resumed, so it is ended here.
             self._try(self._tick, None)
 
@@ -183,7 +183,7 @@ class SessionManager:
         try_step(self.codes.refresh)
         try:
             while not self._ended.is_set():
-                self.step(_TICK)
+                self.step(_POLL_INTERVAL_S)
         except BaseException as fault:
             self._died = f"its thread ended: {explain_fault(fault)}"
         finally:
@@ -229,9 +229,9 @@ class SessionManager:
     def _record_stops(self) -> None:
         """Record Stops before the first trial; later ones are recorded by `TrialRunner`."""
         if self.runner is None and self.session is not None:
-            for stopped in self.halt.take():
-                self.session.note("pause", stopped.why, at=stopped.at, later=True)
-            self.session.keep_late()
+            for stopped in self.halt.pop_unrecorded():
+                self.session.record_event("pause", stopped.why, at=stopped.at, later=True)
+            self.session.store_late_events()
 
     def _execute(self, command: dict[str, Any], asked: StopCount) -> None:
         self._record_stops()
@@ -288,7 +288,7 @@ class SessionManager:
             self.halt.attach(servo, asked)  # before it opens: Stop reaches it from here on
             servo.open()
             trial_device = TrialDevice(self.study, servo)
-            trial_device.hold()  # the first call loads kernels, which would take too long later
+            trial_device.repeat_goal()  # the first call loads kernels, which would take too long later
             trial_device.record(False)  # not recorded before consent
             self.trial_device = trial_device
             self._mark("session", {"session": session.id, "participant": session.code})
@@ -302,12 +302,12 @@ class SessionManager:
             raise InputError("no consent is expected now")
         if not agreed:
             self.halt.stop(None)
-            self.session.note("declined", later=True)
+            self.session.record_event("declined", later=True)
             self._end("the participant did not agree to take part", "declined")
             return
         if self.halt.active:
             raise InputError("the session is stopped: the experimenter must resume it first")
-        self.session.note("consent")
+        self.session.record_event("consent")
         recording = self._recording.name if self._recording is not None else None
         self.runner = TrialRunner(self.session, self.trial_device, recording, self._mark, halt=self.halt)
 
@@ -317,7 +317,7 @@ class SessionManager:
         if do == "resume":
             if self.halt.active:
                 self.halt.engage(asked)
-                self.session.note("resume", later=True)
+                self.session.record_event("resume", later=True)
         elif do == "leave":
             self._end("", "left")
         else:
@@ -352,7 +352,7 @@ class SessionManager:
         self.halt.detach()
         if session is not None:
             if trouble and state == "failed":
-                try_step(lambda: session.note("failed", trouble, later=True))
+                try_step(lambda: session.record_event("failed", trouble, later=True))
             try_step(lambda: self._mark("end", {"state": state}))
             self.stored = session.stored
             try_step(session.close)

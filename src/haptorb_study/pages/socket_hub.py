@@ -18,7 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from haptorb.errors import HaptorbError, InputError
 from haptorb.web.server import command as read_command
 from haptorb.web.server import is_stop_request
-from haptorb_study.order import GREATEST
+from haptorb_study.order import MAX_MAGNITUDE
 from haptorb_study.pages.page_views import for_experimenter, for_participant, pen
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.trial_viewers import TrialViewers
@@ -26,17 +26,19 @@ from haptorb_study.pages.trial_viewers import TrialViewers
 __all__ = ["StudySocketHub"]
 
 
-REFRESH = 1 / 100  #: interval of the keep-alive of a pen steered from a page [s]
-FRAME = 1 / 25  #: interval of state updates to the pages [s]
-PATIENCE = 5.0  #: timeout for the experimenter's token [s]
+PEN_KEEP_ALIVE_S = 1 / 100  #: interval of the keep-alive of a pen steered from a page [s]
+UPDATE_INTERVAL_S = 1 / 25  #: interval of state updates to the pages [s]
+TOKEN_TIMEOUT_S = 5.0  #: timeout for the experimenter's token [s]
 
 #: commands of an experimenter's page that end with the coils off, found in any message
-_STOPS = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
+_STOP_COMMAND = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
 #: commands of a participant's page to the session manager; all others are the experimenter's
-_PARTICIPANT = frozenset({"agree", "answer", "reply", "skip", "interval"})
-_EXPERIMENTER = frozenset({"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"})
+_PARTICIPANT_COMMANDS = frozenset({"agree", "answer", "reply", "skip", "interval"})
+_EXPERIMENTER_COMMANDS = frozenset(
+    {"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"}
+)
 _IN_TRIAL = ("running", "time is up")
-_UNTOLD = 20  #: unsent error messages of a page at most
+_MAX_UNSENT_MISTAKES = 20  #: unsent error messages of a page at most
 
 
 @final
@@ -48,9 +50,9 @@ class StudyPage:
         self.status: dict[str, Any] = {}
         self.mistakes: list[str] = []
 
-    def tell(self, mistake: str) -> None:
+    def report(self, mistake: str) -> None:
         """Enqueue an error message for the page; only the newest are kept."""
-        self.mistakes = [*self.mistakes[1 - _UNTOLD :], mistake]
+        self.mistakes = [*self.mistakes[1 - _MAX_UNSENT_MISTAKES :], mistake]
 
 
 @final
@@ -69,14 +71,14 @@ class StudySocketHub:
         self._draft: Any = None
         self._draft_of = -1
 
-    async def keep(self) -> None:
+    async def repeat_pen_goal(self) -> None:
         """Repeat the position of a pen steered from a page, so that it does not expire, as long as the server runs."""
         while True:
             trial_device = self._manager.trial_device
             if trial_device is not None:
                 with suppress(Exception):  # the session thread detects and reports it itself
-                    trial_device.hold()
-            await asyncio.sleep(REFRESH)
+                    trial_device.repeat_goal()
+            await asyncio.sleep(PEN_KEEP_ALIVE_S)
 
     async def join_participant(self, socket: WebSocket) -> None:
         """Serve a participant's page until it disconnects; from other computers only after its token."""
@@ -84,11 +86,11 @@ class StudySocketHub:
         if not await self._shows(socket, self._participant_token):
             return
         page = StudyPage(socket, participant=True)
-        self.enter(page)
+        self.register(page)
         try:
             await self._serve(page, self._about)
         finally:
-            self.part(page)
+            self.unregister(page)
 
     async def join_experimenter(self, socket: WebSocket) -> None:
         """Serve an experimenter's page, if its first message is the token."""
@@ -96,18 +98,18 @@ class StudySocketHub:
         if not await self._shows(socket, self._token):
             return
         page = StudyPage(socket, participant=False)
-        self.enter(page)
+        self.register(page)
         try:
             await self._serve(page, self._about | self._more)
         finally:
-            self.part(page)
+            self.unregister(page)
 
     async def _shows(self, socket: WebSocket, token: str) -> bool:
         """Whether the first message is `token`, if one is required; otherwise the connection is closed."""
         if not token:
             return True
         try:
-            given = await asyncio.wait_for(socket.receive_text(), PATIENCE)
+            given = await asyncio.wait_for(socket.receive_text(), TOKEN_TIMEOUT_S)
         except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
             given = ""
         # safety: experimenter-token
@@ -117,11 +119,11 @@ class StudySocketHub:
             return False
         return True
 
-    def enter(self, page: StudyPage) -> None:
+    def register(self, page: StudyPage) -> None:
         """Register `page`."""
         (self._participants if page.participant else self._experimenters).append(page)
 
-    def part(self, page: StudyPage) -> None:
+    def unregister(self, page: StudyPage) -> None:
         """Unregister `page`. If it was the participant's, the coils are switched off until the session is resumed."""
         if page.participant and self._participants[0] is page:  # safety: participant-gone
             self._manager.halt.stop("the participant's page was closed")
@@ -133,7 +135,7 @@ class StudySocketHub:
             if page.participant:
                 if is_stop_request(text):  # safety: study-stop-first
                     self._manager.halt.stop("by the participant")
-            elif found := _STOPS.search(text):  # safety: study-end-first
+            elif found := _STOP_COMMAND.search(text):  # safety: study-end-first
                 ends = found[1] in ("leave", "abort")
                 self._manager.halt.stop(None if ends else "by the experimenter")
             command = read_command(text)
@@ -145,10 +147,10 @@ class StudySocketHub:
             else:
                 self._receive_experimenter(page, do, command)
         except HaptorbError as mistake:
-            page.tell(str(mistake))
+            page.report(str(mistake))
         # safety: study-message
         except Exception as fault:  # for any content: the page's next Stop must be received
-            page.tell(f"this message cannot be processed: {type(fault).__name__}")
+            page.report(f"this message cannot be processed: {type(fault).__name__}")
 
     async def _serve(self, page: StudyPage, about: Mapping[str, Any]) -> None:
         sending = asyncio.create_task(self._send(page, about))
@@ -179,23 +181,23 @@ class StudySocketHub:
         elif do == "draft":
             session = manager.session
             value = command.get("value")
-            if value is None or (type(value) in (int, float) and abs(value) <= GREATEST):
+            if value is None or (type(value) in (int, float) and abs(value) <= MAX_MAGNITUDE):
                 self._draft, self._draft_of = value, session.number if session is not None else -1
-        elif do in _PARTICIPANT:  # safety: participant-steers
-            manager.ask(command, page.tell)
+        elif do in _PARTICIPANT_COMMANDS:  # safety: participant-steers
+            manager.enqueue(command, page.report)
         else:
             raise InputError(f"a participant's page may not do {do[:40]!r}")
 
     def _receive_experimenter(self, page: StudyPage, do: str, command: dict[str, Any]) -> None:
-        if do not in _EXPERIMENTER:
-            known = ", ".join(sorted(_EXPERIMENTER))
+        if do not in _EXPERIMENTER_COMMANDS:
+            known = ", ".join(sorted(_EXPERIMENTER_COMMANDS))
             raise InputError(f"unknown command {do[:40]!r} (known: {known})")
         if do == "begin" and not isinstance(command.get("code"), str):
             raise InputError("a session begins with a participant's code, a text")
         if do == "view":
             self._view(page, command.get("trial"))
         elif do not in ("stop", "pause"):
-            self._manager.ask(command, page.tell)
+            self._manager.enqueue(command, page.report)
 
     def _view(self, page: StudyPage, trial: Any) -> None:
         """Play the recording of an answered trial of this session."""
@@ -204,7 +206,7 @@ class StudySocketHub:
         parts = [row.get("recording") for row in self._manager.log if row["trial"] == trial]
         if not parts or parts[-1] is None:
             raise InputError("this trial has no recording: it is not answered yet, or the session is not recorded")
-        self.viewers.open(parts[-1], page.tell)
+        self.viewers.open(parts[-1], page.report)
 
     async def _send(self, page: StudyPage, about: Mapping[str, Any]) -> None:
         """Send state changes to `page`, about 25 times per second."""
@@ -214,7 +216,7 @@ class StudySocketHub:
                 await page.socket.send_text(text)
             while page.mistakes:
                 await page.socket.send_text(json.dumps({"event": "mistake", "text": page.mistakes.pop(0)}))
-            await asyncio.sleep(FRAME)
+            await asyncio.sleep(UPDATE_INTERVAL_S)
 
     def _collect_messages(self, page: StudyPage) -> list[str]:
         """Messages with state changes for `page`; an exception in one does not block later ones."""
@@ -228,7 +230,7 @@ class StudySocketHub:
             text = f"this page cannot be updated: {type(fault).__name__}: {fault}"
             if page.status.get("fault") != text:
                 page.status["fault"] = text
-                page.tell(text)
+                page.report(text)
         return news
 
     def _events(self, page: StudyPage) -> dict[str, Any]:

@@ -56,14 +56,14 @@ def application(hub: StudySocketHub, where: PageAddress = PageAddress()) -> Star
             WebSocketRoute("/ws/experimenter", hub.join_experimenter),
         ],
         middleware=[Middleware(AccessGate, exposed=where.exposed, origin=where.origin)],
-        lifespan=run_beside(hub.keep),
+        lifespan=run_beside(hub.repeat_pen_goal),
     )
 
 
 PORT = 8766  #: default; the console has another
-_LOOK = 0.05  #: polling interval of the session thread [s]
-_SWITCH = 0.0005  #: longest time that another thread delays a Stop [s]
-_LAST_WORDS = 0.5  #: for the pages to show that the session thread failed [s]
+_POLL_INTERVAL_S = 0.05  #: polling interval of the session thread [s]
+_THREAD_SWITCH_S = 0.0005  #: longest time that another thread delays a Stop [s]
+_FAILURE_DISPLAY_S = 0.5  #: for the pages to show that the session thread failed [s]
 
 
 @final
@@ -117,7 +117,7 @@ class StudyServer:
             self.close()
 
         before = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCH)
+        sys.setswitchinterval(_THREAD_SWITCH_S)
         self._manager.open()
         try:
             with signals(end), prioritize():
@@ -140,10 +140,10 @@ class StudyServer:
         while not serving.done():
             if dead := self._manager.dead:
                 self._manager.halt.stop(None)
-                await asyncio.sleep(_LAST_WORDS)  # the pages show it
+                await asyncio.sleep(_FAILURE_DISPLAY_S)  # the pages show it
                 self._server.should_exit = True
                 break
-            await asyncio.sleep(_LOOK)
+            await asyncio.sleep(_POLL_INTERVAL_S)
         await serving
         return dead
 

@@ -19,8 +19,8 @@ from haptorb.runtime.linux import start_python
 __all__ = ["TrialViewers"]
 
 
-_MOST = 3  #: viewers at the same time; another one ends the oldest
-_PATIENCE = 2.0  #: timeout for the end of a viewer [s]
+_MAX_VIEWERS = 3  #: viewers at the same time; another one ends the oldest
+_END_TIMEOUT_S = 2.0  #: timeout for the end of a viewer [s]
 
 
 @final
@@ -44,7 +44,7 @@ class TrialViewers:
         with self._changing:
             if self._closed or (part in self._running and self._running[part].poll() is None):
                 return
-            while len(self._running) >= _MOST:
+            while len(self._running) >= _MAX_VIEWERS:
                 self._end(next(iter(self._running)))
             process = start_python(
                 "haptorb", "view", part, "--port", "0", "--json",
@@ -89,7 +89,7 @@ class TrialViewers:
                 self._end(part)
         for process in processes:
             try:
-                process.wait(_PATIENCE)
+                process.wait(_END_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()

@@ -26,9 +26,9 @@ from haptorb_study.study_file import Study
 __all__ = ["FELT_SHARE", "Forecast", "Overlap", "Unfelt", "find_unfelt", "forecast", "load_squared", "overlap"]
 
 
-_NOTHING = 1e-6  #: threshold of a perceptible wrench [N], [N·m]
+_MIN_WRENCH = 1e-6  #: threshold of a perceptible wrench [N], [N·m]
 FELT_SHARE = 0.5  #: assumed fraction of a trial with the tool within the map
-_PAUSES = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+_TRIED_PAUSES_S = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,7 @@ class Forecast:
     peak: float  #: winding temperature [K]
     warn: float  #: warning temperature [K]
     derate: float  #: derating temperature [K]
-    pause: (
-        float | None
-    )  #: additional pause after each trial [s] that avoids derating; None: 80 s are not enough
+    pause: float | None  #: additional pause after each trial [s] that avoids derating; None: 80 s are not enough
 
     @property
     def holds(self) -> bool:
@@ -158,9 +156,9 @@ def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
             most = max(float(np.abs(field).max(initial=0.0)) for field in fields)
             change = max((float(np.abs(field - fields[0]).max(initial=0.0)) for field in fields[1:]), default=most)
             if condition.no_force:
-                if most >= _NOTHING:
+                if most >= _MIN_WRENCH:
                     found.append(Unfelt(condition.name, point.theta_deg, "", most, control=True))
-            elif most < _NOTHING or change < _NOTHING:
+            elif most < _MIN_WRENCH or change < _MIN_WRENCH:
                 parameter = levels.parameter if levels is not None and varied else ""
                 found.append(Unfelt(condition.name, point.theta_deg, parameter, most))
     return tuple(found)
@@ -231,7 +229,7 @@ def forecast(study: Study, participant: int = 0) -> Forecast:
     hottest, pause = int(np.argmax(peaks)), None
     heat = device.coils.heat
     if peaks[hottest] >= heat.derate:
-        for more in _PAUSES:
+        for more in _TRIED_PAUSES_S:
             longer = _peaks(device, loads, prompts, trials.expected_seconds, trials.pause_seconds + more)
             if longer.max() < heat.derate:
                 pause = more

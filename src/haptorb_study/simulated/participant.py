@@ -64,7 +64,7 @@ class DeliveredForce:
         return force
 
 
-_ONE_SIGMA = 1 / (0.6745 * 2**0.5)  # JND (75 % of the pairs) to the SD of a single sensation
+_SIGMA_PER_JND = 1 / (0.6745 * 2**0.5)  # JND (75 % of the pairs) to the SD of a single sensation
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Participant:
 
     @property
     def _noise(self) -> float:
-        return self.traits.force_jnd * _ONE_SIGMA
+        return self.traits.force_jnd * _SIGMA_PER_JND
 
     def _sharpness(self, prompt: Prompt) -> float:
         world = self._study.make_world(prompt.condition, prompt.set_point, prompt.level or None)
@@ -183,7 +183,7 @@ class Participant:
         size = float(np.linalg.norm(force))
         if size < 1e-9:
             return force
-        tilt = np.radians(traits.direction_jnd_deg) * _ONE_SIGMA * draw.standard_normal(2)
+        tilt = np.radians(traits.direction_jnd_deg) * _SIGMA_PER_JND * draw.standard_normal(2)
         felt: Array = size * (1 + self._noise * float(draw.standard_normal())) * _move_on_sphere(force / size, tilt)
         return felt
 

@@ -22,7 +22,7 @@ __all__ = ["ADAPTIVE", "answer_study", "list_columns", "simulate_pool", "simulat
 
 
 ADAPTIVE = ("staircase", "bayesian")  #: procedures with thresholds of their own
-_CODE = "SIM"
+_SIMULATED_CODE = "SIM"
 
 
 def simulate_value(
@@ -34,8 +34,8 @@ def simulate_value(
     """
     procedure, responses = answer_study(study, seed, ordinal)
     main = list_columns(study, responses)
-    thresholds = list_thresholds({_CODE: procedure}) if study.procedure in ADAPTIVE else None
-    found = PersonMeasures(study, main, [_CODE], thresholds).compare(measure, between).differences
+    thresholds = list_thresholds({_SIMULATED_CODE: procedure}) if study.procedure in ADAPTIVE else None
+    found = PersonMeasures(study, main, [_SIMULATED_CODE], thresholds).compare(measure, between).differences
     return float(found[0]) if len(found) else float("nan")
 
 
@@ -51,7 +51,7 @@ def answer_study(study: Study, seed: tuple[int, ...], ordinal: int) -> tuple[Pro
     return procedure, responses
 
 
-def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code: str = _CODE) -> Columns:
+def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code: str = _SIMULATED_CODE) -> Columns:
     """Columns of the tidy table that measures use, for the participant `code`; without practice."""
     main = [(prompt, answer) for prompt, answer in responses if prompt.phase != "practice"]
     points = {point.number: point for point in study.points}
@@ -77,7 +77,7 @@ def list_columns(study: Study, responses: Iterable[tuple[Prompt, Answer]], code:
 # Each participant has its own seed and results are ordered by number, so all three agree bit for bit.
 
 
-_SHARES = 8  #: jobs per process, for load balance
+_JOBS_PER_PROCESS = 8  #: jobs per process, for load balance
 
 Job = tuple[bytes, tuple[tuple[tuple[int, ...], int], ...], str, tuple[str, str] | None]
 
@@ -95,7 +95,7 @@ def simulate_pool(
     people: list[tuple[tuple[int, ...], int]] = [((seed, n + 1), n) for n in range(pool)]
     found = [math.nan] * pool
 
-    def keep(values: dict[int, float], done: int) -> int:
+    def store(values: dict[int, float], done: int) -> int:
         for n, value in values.items():
             found[n] = value
         if progress is not None:
@@ -105,16 +105,16 @@ def simulate_pool(
     done = 0
     if scheduler is None and min(processes, pool) == 1:
         for who, n in people:
-            done = keep({n: simulate_value(study, who, n, measure, between)}, done)
+            done = store({n: simulate_value(study, who, n, measure, between)}, done)
         return found
     import cloudpickle
 
     packed: bytes = cloudpickle.dumps(study)  # includes the code of a user's own world
     at_once = processes if scheduler is None else 8
-    size = max(1, math.ceil(pool / (at_once * _SHARES)))
+    size = max(1, math.ceil(pool / (at_once * _JOBS_PER_PROCESS)))
     jobs: list[Job] = [(packed, tuple(people[k : k + size]), measure, between) for k in range(0, pool, size)]
     for values in _run_processes(jobs, processes) if scheduler is None else _run_cluster(jobs, scheduler):
-        done = keep(values, done)
+        done = store(values, done)
     return found
 
 

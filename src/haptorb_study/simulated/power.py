@@ -12,14 +12,14 @@ from haptorb.arrays import Array
 from haptorb.errors import InputError
 from haptorb_study.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb_study.simulated.pool import simulate_pool
-from haptorb_study.statistics.significance import EXACT_PEOPLE, PairTest, check_test, decide_p, fewest_people
+from haptorb_study.statistics.significance import MAX_EXACT_PARTICIPANTS, PairTest, check_test, compute_p, fewest_people
 from haptorb_study.study_file import Study
 
-__all__ = ["MOST_PEOPLE", "PEOPLE", "GroupPower", "Power", "power", "power_of"]
+__all__ = ["DEFAULT_GROUP_SIZES", "MAX_GROUP_SIZE", "GroupPower", "Power", "power", "power_of"]
 
 
-MOST_PEOPLE = 500  #: search limit
-_SLOW = 2000  #: groups at most for slow tests
+MAX_GROUP_SIZE = 500  #: search limit
+_MAX_SLOW_GROUPS = 2000  #: groups at most for slow tests
 
 
 @final
@@ -38,10 +38,10 @@ class GroupPower:
         if people not in self.found:
             draw = np.random.default_rng([*self._seed, people])
             count = self._groups
-            if self._test == "sign-flip" and people > EXACT_PEOPLE:
-                count = min(count, _SLOW)  # thousands of sign patterns per group
+            if self._test == "sign-flip" and people > MAX_EXACT_PARTICIPANTS:
+                count = min(count, _MAX_SLOW_GROUPS)  # thousands of sign patterns per group
             groups = self._pool[draw.integers(0, len(self._pool), (count, people))]
-            self.found[people] = float(np.mean(decide_p(groups, self._test) < self._alpha))
+            self.found[people] = float(np.mean(compute_p(groups, self._test) < self._alpha))
         return self.found[people]
 
     @property
@@ -50,15 +50,15 @@ class GroupPower:
         return fewest_people(self._alpha, self._test)
 
     def find_fewest(self, wanted: float, start: int) -> int | None:
-        """Smallest group with the power `wanted`, searched from `start`; None: above MOST_PEOPLE.
+        """Smallest group with the power `wanted`, searched from `start`; None: above MAX_GROUP_SIZE.
 
         Power is taken to grow with the number of people, as it does but for the last step of small numbers.
         """
-        low, high = self.least - 1, min(max(start, self.least), MOST_PEOPLE)
+        low, high = self.least - 1, min(max(start, self.least), MAX_GROUP_SIZE)
         while self.power(high) < wanted:
-            if high == MOST_PEOPLE:
+            if high == MAX_GROUP_SIZE:
                 return None
-            low, high = high, min(2 * high, MOST_PEOPLE)
+            low, high = high, min(2 * high, MAX_GROUP_SIZE)
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if self.power(middle) >= wanted else (middle, high)
@@ -69,15 +69,15 @@ class GroupPower:
 # Power estimate from a pool of simulated participants.
 #
 # Each simulated participant answers the study once and gives one paired difference. Groups of n are drawn from the
-# pool, and the test of the analysis (`decide_p`) is applied to each: the share of p < α is the power at n. The
+# pool, and the test of the analysis (`compute_p`) is applied to each: the share of p < α is the power at n. The
 # smallest group with the wanted power is searched below and above the sizes asked for. The uncertainty due to the
 # finite pool is estimated by resampling the pool.
 
 
-PEOPLE = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: default group sizes
+DEFAULT_GROUP_SIZES = (6, 8, 10, 12, 16, 20, 24, 32, 48)  #: default group sizes
 _GROUPS = 20_000  #: groups drawn per group size
-_POOLS = 80  #: resamples of the pool
-_FEWER = 200  #: groups drawn from each resample
+_RESAMPLES = 80  #: resamples of the pool
+_GROUPS_PER_RESAMPLE = 200  #: groups drawn from each resample
 _TEST_NAMES = {"t": "Student's paired t test", "sign-flip": "sign-flip test"}
 
 
@@ -97,7 +97,7 @@ class Power:
     power: tuple[float, ...]  #: by group size
     low: tuple[float, ...]
     high: tuple[float, ...]
-    needed: int | None  #: smallest group that reaches `wanted`; None: above MOST_PEOPLE
+    needed: int | None  #: smallest group that reaches `wanted`; None: above MAX_GROUP_SIZE
     needed_95: tuple[int | None, int | None]
     least: int  #: smallest group in which the test can be significant
     test: PairTest = "t"
@@ -106,7 +106,7 @@ class Power:
     @property
     def sentence(self) -> str:
         """Summary for users."""
-        most = f"more than {MOST_PEOPLE}"
+        most = f"more than {MAX_GROUP_SIZE}"
         low, high = (most if n is None else str(n) for n in self.needed_95)
         needed = most if self.needed is None else f"about {self.needed}"
         floor = ""
@@ -128,7 +128,7 @@ class Power:
             "pool": self.pool,
             "difference": self.difference, "standard_deviation": self.spread, "alpha": self.alpha,
             "wanted_power": self.wanted, "needed": self.needed, "needed_95": list(self.needed_95),
-            "least_people": self.least, "searched_up_to": MOST_PEOPLE,
+            "least_people": self.least, "searched_up_to": MAX_GROUP_SIZE,
             "power": [{"people": n, "power": p, "interval_95": [low, high]} for n, p, low, high in rows],
         }  # fmt: skip
 
@@ -153,7 +153,9 @@ def power(
     measure, between = _check_question(study, measure, between)
     alpha = alpha if alpha is not None else plan.strictest_alpha if plan else 0.05
     test = test or (plan.test if plan else "t")
-    people = people or (tuple(sorted({*PEOPLE, min(plan.participants, MOST_PEOPLE)})) if plan else PEOPLE)
+    people = people or (
+        tuple(sorted({*DEFAULT_GROUP_SIZES, min(plan.participants, MAX_GROUP_SIZE)})) if plan else DEFAULT_GROUP_SIZES
+    )
     _check_numbers(people, alpha, wanted, test)
     if isinstance(pool, bool) or not 8 <= pool <= 100_000 or seed < 0:
         raise InputError(f"a pool has 8 to 100000 simulated participants, a seed is 0 or more; got {pool} and {seed}")
@@ -187,7 +189,7 @@ def _check_question(
 
 
 def power_of(
-    pairs: Sequence[float], people: Sequence[int] = PEOPLE, alpha: float = 0.05, wanted: float = 0.8,
+    pairs: Sequence[float], people: Sequence[int] = DEFAULT_GROUP_SIZES, alpha: float = 0.05, wanted: float = 0.8,
     what: tuple[str, str, str] = ("difference", "a", "b"), seed: int = 0, test: PairTest = "t", unit: str = "",
 ) -> Power:  # fmt: skip
     """Power from the paired differences of a pool, for groups of `people` and for the smallest that reaches `wanted`.
@@ -201,15 +203,20 @@ def power_of(
         raise InputError("fewer than 4 simulated participants have a difference: the procedure ends too soon")
     draw = np.random.default_rng([seed, 2])
     # Pool k is resample k, pool 0 the pool itself; groups are drawn from it with replacement.
-    pools = np.vstack([d, d[draw.integers(0, len(d), (_POOLS, len(d)))]])
-    drawn = [GroupPower(pool, alpha, _FEWER if k else _GROUPS, (seed, 3, k), test) for k, pool in enumerate(pools)]
+    pools = np.vstack([d, d[draw.integers(0, len(d), (_RESAMPLES, len(d)))]])
+    drawn = [
+        GroupPower(pool, alpha, _GROUPS_PER_RESAMPLE if k else _GROUPS, (seed, 3, k), test)
+        for k, pool in enumerate(pools)
+    ]
     whole, parts = drawn[0], drawn[1:]
     needed = whole.find_fewest(wanted, min(people))
     counts = tuple(sorted({*people, *([] if needed is None else [needed])}))
     shares = np.array([[part.power(n) for n in counts] for part in parts])
     low, high = np.percentile(shares, (2.5, 97.5), axis=0)
-    ends = sorted(part.find_fewest(wanted, needed or MOST_PEOPLE) or MOST_PEOPLE + 1 for part in parts)
-    needed_95 = [None if end > MOST_PEOPLE else end for end in (ends[int(0.025 * _POOLS)], ends[int(0.975 * _POOLS)])]
+    ends = sorted(part.find_fewest(wanted, needed or MAX_GROUP_SIZE) or MAX_GROUP_SIZE + 1 for part in parts)
+    needed_95 = [
+        None if end > MAX_GROUP_SIZE else end for end in (ends[int(0.025 * _RESAMPLES)], ends[int(0.975 * _RESAMPLES)])
+    ]
     return Power(
         *what, len(d), float(d.mean()), float(d.std(ddof=1)), alpha, wanted, counts,
         tuple(whole.power(n) for n in counts), tuple(low.tolist()), tuple(high.tolist()), needed,
@@ -221,8 +228,8 @@ def _check_numbers(people: Sequence[int], alpha: float, wanted: float, test: str
     """Validate group sizes and levels before a pool is simulated."""
     if not 0 < alpha < 0.5 or not 0.1 <= wanted < 1:
         raise InputError(f"needs 0 < alpha < 0.5 and 0.1 ≤ power < 1; got {alpha:g} and {wanted:g}")
-    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MOST_PEOPLE for n in people):
+    if not people or any(isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= MAX_GROUP_SIZE for n in people):
         raise InputError(
-            f"numbers of people must be whole, 2 to {MOST_PEOPLE}; got {', '.join(map(str, people)) or 'none'}"
+            f"numbers of people must be whole, 2 to {MAX_GROUP_SIZE}; got {', '.join(map(str, people)) or 'none'}"
         )
     check_test(test)

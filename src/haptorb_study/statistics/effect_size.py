@@ -24,7 +24,7 @@ class EffectSize:
     g_av_95: tuple[float, float]  #: noncentral t, after Algina & Keselman 2003; approximate
 
 
-_NONE = (math.nan, math.nan)
+_NO_INTERVAL = (math.nan, math.nan)
 
 
 def effect_size(differences: ArrayLike, spread: float | None = None, confidence: float = 0.95) -> EffectSize:
@@ -44,11 +44,11 @@ def effect_size(differences: ArrayLike, spread: float | None = None, confidence:
         raise InputError(f"an effect size needs at least two people; got shape {d.shape}")
     n, mean, sd = len(d), float(d.mean()), float(d.std(ddof=1))
     if sd <= 1e-12 * float(np.abs(d).max()):
-        return EffectSize(math.nan, _NONE, math.nan, _NONE)
+        return EffectSize(math.nan, _NO_INTERVAL, math.nan, _NO_INTERVAL)
     ends = _shift_interval(mean / sd * math.sqrt(n), n - 1, confidence)
     low, high = (end / math.sqrt(n) for end in ends)
     if spread is None or not spread > 0:
-        return EffectSize(mean / sd, (low, high), math.nan, _NONE)
+        return EffectSize(mean / sd, (low, high), math.nan, _NO_INTERVAL)
     f = n - 1
     # With one degree of freedom the correction is zero: Γ has a pole, and the mean of d does not exist.
     correction = 0.0 if f < 2 else math.exp(gammaln(f / 2) - gammaln((f - 1) / 2)) / math.sqrt(f / 2)

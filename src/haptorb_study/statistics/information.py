@@ -28,7 +28,7 @@ from haptorb.errors import InputError
 __all__ = ["Information", "plug_in_information", "transfer_information"]
 
 
-_SHUFFLES = 199
+_PERMUTATIONS = 199
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def transfer_information(counts: ArrayLike, *, seed: int = 0) -> Information:
     cells, rows, columns = ((table > 0).sum(), (table.sum(axis=1) > 0).sum(), (table.sum(axis=0) > 0).sum())
     bias = float(cells - rows - columns + 1) / (2 * trials * math.log(2))
     shuffled = _shuffle(each, seed)
-    p = (1 + int(np.sum(shuffled >= plug_in - 1e-12))) / (1 + _SHUFFLES)
+    p = (1 + int(np.sum(shuffled >= plug_in - 1e-12))) / (1 + _PERMUTATIONS)
     bits = bits if math.isnan(bits) else min(most, max(0.0, bits))
     return Information(
         bits, low, high, most, plug_in, min(most, plug_in - bias), float(shuffled.mean()), p, trials, people
@@ -139,8 +139,8 @@ def _shuffle(each: Array, seed: int) -> Array:
         asked.append(np.repeat(np.arange(prompts), one.sum(axis=1)))
         given.append(np.repeat(np.arange(answers), one.sum(axis=0)))
     at = np.concatenate(asked) * answers
-    tables = np.empty((_SHUFFLES, prompts * answers))
-    for n in range(_SHUFFLES):
+    tables = np.empty((_PERMUTATIONS, prompts * answers))
+    for n in range(_PERMUTATIONS):
         dealt = np.concatenate([draw.permutation(one) for one in given])
         tables[n] = np.bincount(at + dealt, minlength=prompts * answers)
-    return plug_in_information(tables.reshape(_SHUFFLES, prompts, answers))
+    return plug_in_information(tables.reshape(_PERMUTATIONS, prompts, answers))

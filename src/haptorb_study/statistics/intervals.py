@@ -67,12 +67,12 @@ def mean_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[Array, A
 # participants who are often wrong: V(m) is large wherever only a large ρ explains the answers.
 
 
-_MEANS = np.sin(np.linspace(0, np.pi / 2, 98)[1:-1]) ** 2  #: candidate means, denser near 0 and 1
-_FINER = 24  #: subdivisions of a step at each end of the interval
-_POSITIVE = np.append(0.0, np.geomspace(2e-4, 0.999, 46))  #: candidate correlations
-_NEGATIVE = np.array([0.98, 0.8, 0.6, 0.4, 0.2])  #: fractions of the largest negative correlation
-_SHARE_INTERVAL_TINY = 1e-12  #: distance from 0 and 1, which are no mean of a beta distribution
-_WIDER = 0.2  #: share of the error probability that the likelihood criterion takes
+_CANDIDATE_MEANS = np.sin(np.linspace(0, np.pi / 2, 98)[1:-1]) ** 2  #: candidate means, denser near 0 and 1
+_END_SUBDIVISIONS = 24  #: subdivisions of a step at each end of the interval
+_POSITIVE_CORRELATIONS = np.append(0.0, np.geomspace(2e-4, 0.999, 46))  #: candidate correlations
+_NEGATIVE_CORRELATIONS = np.array([0.98, 0.8, 0.6, 0.4, 0.2])  #: fractions of the largest negative correlation
+_MIN_MEAN = 1e-12  #: distance from 0 and 1, which are no mean of a beta distribution
+_LIKELIHOOD_ERROR_SHARE = 0.2  #: share of the error probability that the likelihood criterion takes
 
 
 def share_interval(right: ArrayLike, of: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
@@ -88,8 +88,8 @@ def share_interval(right: ArrayLike, of: ArrayLike, confidence: float = 0.95) ->
     if len(n) < 2:
         return np.nan, np.nan
     counts = _CountedAnswers(k, n, confidence)
-    p, inside = counts.share, _MEANS[counts.coarse <= 0]
-    ends = np.concatenate([[0.0], _MEANS, [1.0]])
+    p, inside = counts.share, _CANDIDATE_MEANS[counts.coarse <= 0]
+    ends = np.concatenate([[0.0], _CANDIDATE_MEANS, [1.0]])
     least, most = float(min([p, *inside])), float(max([p, *inside]))
     low = 0.0 if p == 0 else _cross(counts, least, float(ends[ends < least].max()))
     high = 1.0 if p == 1 else _cross(counts, most, float(ends[ends > most].min()))
@@ -107,12 +107,12 @@ class _CountedAnswers:
         self.share = float((k / n).mean())  #: mean over participants
         self._pairs, self._times = np.unique(np.stack([k, n]), axis=1, return_counts=True)
         miss = 1 - confidence
-        square, wide = (float(stdtrit(people - 1, 1 - part * miss / 2)) ** 2 for part in (1.0, _WIDER))
+        square, wide = (float(stdtrit(people - 1, 1 - part * miss / 2)) ** 2 for part in (1.0, _LIKELIHOOD_ERROR_SHARE))
         self._cut = square / (people - 1 + square)  # c/N
         self._drop = people / 2 * float(np.log1p(wide / (people - 1)))
-        logs, effect = self._fit(_MEANS)
+        logs, effect = self._fit(_CANDIDATE_MEANS)
         self._best = float(logs.max())
-        self.coarse = self._judge(_MEANS, logs, effect)  #: (96,) criterion at the candidate means
+        self.coarse = self._judge(_CANDIDATE_MEANS, logs, effect)  #: (96,) criterion at the candidate means
 
     def exceed(self, means: Array) -> Array:
         """(m,) criterion at `means` (m,), within (0, 1); at most 0 inside the interval."""
@@ -142,11 +142,11 @@ class _CountedAnswers:
 
 def _cross(counts: _CountedAnswers, inside: float, outside: float) -> float:
     """End of the interval between a mean `inside` and a mean `outside`, which may be 0 or 1."""
-    means = np.linspace(inside, outside, _FINER + 1)
-    beyond = np.append(counts.exceed(np.clip(means[:-1], _SHARE_INTERVAL_TINY, 1 - _SHARE_INTERVAL_TINY)), np.inf)
+    means = np.linspace(inside, outside, _END_SUBDIVISIONS + 1)
+    beyond = np.append(counts.exceed(np.clip(means[:-1], _MIN_MEAN, 1 - _MIN_MEAN)), np.inf)
     beyond[0] = min(float(beyond[0]), 0.0)
     first = int(np.argmax(beyond > 0))
-    if first == _FINER:
+    if first == _END_SUBDIVISIONS:
         return outside
     share = beyond[first - 1] / (beyond[first - 1] - beyond[first])
     return float(means[first - 1] + share * (means[first] - means[first - 1]))
@@ -161,15 +161,15 @@ def _log_probabilities(means: Array, pairs: Array) -> tuple[Array, Array]:
     from scipy.special import gammaln, xlog1py, xlogy
 
     k, n = pairs
-    size = 1 / _POSITIVE[1:, None] - 1
+    size = 1 / _POSITIVE_CORRELATIONS[1:, None] - 1
     a, b = means[:, None, None] * size, (1 - means)[:, None, None] * size
     positive = gammaln(k + a) - gammaln(a) + gammaln(n - k + b) - gammaln(b) + gammaln(size) - gammaln(n + size)
     none = (xlogy(k, means[:, None]) + xlog1py(n - k, -means[:, None]))[:, None]
-    gamma = _NEGATIVE * (np.minimum(means, 1 - means) / max(float(n.max()) - 1, 1.0))[:, None]
+    gamma = _NEGATIVE_CORRELATIONS * (np.minimum(means, 1 - means) / max(float(n.max()) - 1, 1.0))[:, None]
     q, r, s = (x[..., None] for x in (means[:, None] / gamma, (1 - means)[:, None] / gamma, 1 / gamma))
     negative = (
         gammaln(q + 1) - gammaln(q - k + 1) + gammaln(r + 1) - gammaln(r - n + k + 1) - gammaln(s + 1)
         + gammaln(s - n + 1)
     )  # fmt: skip
-    known = np.broadcast_to(_POSITIVE, (len(means), len(_POSITIVE)))
+    known = np.broadcast_to(_POSITIVE_CORRELATIONS, (len(means), len(_POSITIVE_CORRELATIONS)))
     return np.concatenate([-gamma / (1 - gamma), known], axis=1), np.concatenate([negative, none, positive], axis=1)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array
 from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
 from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES, PsychometricGrid
-from haptorb_study.statistics.slope_likelihood import MOST_LAPSES, SlopeLikelihood
+from haptorb_study.statistics.slope_likelihood import MAX_LAPSE_RATE, SlopeLikelihood
 
 __all__ = [
     "FLAT",
@@ -36,9 +36,9 @@ UPPER_LIMIT = "the answers change from one level to the next: the spread has onl
 FLAT = "the answers hardly depend on the level: the spread has only a lower limit"
 NO_LIMIT = "the answers set no limit to the spread: too few trials, or nearly all answers the same"
 REVERSED = "the answers fall with the level: the keys were probably reversed"
-LAPSES = f"more than {200 * MOST_LAPSES:.0f} % of the trials seem to be answered at random: no interval"
+LAPSES = f"more than {200 * MAX_LAPSE_RATE:.0f} % of the trials seem to be answered at random: no interval"
 _UNKNOWN = (math.nan, math.nan)
-_SAMPLES = 400  #: simulated repetitions for the goodness of fit
+_REPETITIONS = 400  #: simulated repetitions for the goodness of fit
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
     return PsychometricCurve(float(mass.sum(axis=(1, 2)) @ grid.thresholds), spread, lapse, lapse)
 
 
-def fit_person(likelihood: SlopeLikelihood, person: int, *, seed: int = 0, samples: int = _SAMPLES) -> PersonFit:
+def fit_person(likelihood: SlopeLikelihood, person: int, *, seed: int = 0, samples: int = _REPETITIONS) -> PersonFit:
     """Fit of one participant in `likelihood`; `samples` = 0: without goodness of fit.
 
     With answers at one level only, nothing is known: all numbers are NaN.

@@ -24,18 +24,18 @@ from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 __all__ = ["NormalEffect", "Population", "fit_group", "fit_normal_effect", "fit_population"]
 
 
-_TYPICAL_LAPSE, _LAPSE_SPREAD = 0.02, 1.0  #: prior of the mean lapse rate: median, and SD of its logarithm
+_LAPSE_PRIOR_MEDIAN, _LAPSE_PRIOR_LOG_SD = 0.02, 1.0  #: prior of the mean lapse rate: median, and SD of its logarithm
 #: candidate mean lapse rates, equally probable up to the last, over which the slope's interval is averaged, and
 #: shapes a of their distributions Beta(a, a/m − a): many near zero, or equal participants
 _MEAN_LAPSES = np.array([0.005, 0.02, 0.04, 0.065, 0.09, 0.12])
 _LAPSE_MODELS = [(float(mean), shape) for shape in (1.0, 20.0) for mean in _MEAN_LAPSES]
 #: widening of the slope's standard error per unit of mean lapse rate, for the correlation of slope and lapse rate that
 #: the information neglects. Chosen on simulated populations, tested on others (documentation)
-_WIDER = 3.2
-_HIERARCHICAL_CUT = 1.9207  #: likelihood ratio at 95 %: half of the χ²₁ quantile
-_SHALLOW = 2.0  #: in level ranges: populations with larger spreads are averaged as slopes
-_PASSES = 6
-_CANDIDATES, _TRIED = 24, 25  #: grid of SDs and means before refinement
+_LAPSE_WIDENING = 3.2
+_HALF_CHI2_95 = 1.9207  #: likelihood ratio at 95 %: half of the χ²₁ quantile
+_MAX_SPREAD_RANGES = 2.0  #: in level ranges: populations with larger spreads are averaged as slopes
+_MAX_ITERATIONS = 6
+_SD_CANDIDATES, _MEAN_CANDIDATES = 24, 25  #: grid of SDs and means before refinement
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def fit_group(likelihood: SlopeLikelihood) -> Population | None:
     kept = LevelCounts(answered.levels, answered.yes[used], answered.of[used])
     ends = ends[used]
     middle, span = likelihood.scale
-    if (ends[:, 1] > _SHALLOW * span).any():
+    if (ends[:, 1] > _MAX_SPREAD_RANGES * span).any():
         return _average_slopes(kept)
     places = np.array([likelihood.threshold_95(int(n)) for n in np.flatnonzero(used)])
     places = places[np.isfinite(places).all(axis=1)]
@@ -97,7 +97,7 @@ def _average_slopes(answered: LevelCounts) -> Population:
     from scipy.special import stdtrit
 
     # A shallow function determines only (1 − 2λ) b: the lapse rate is that of the prior above.
-    likelihood = SlopeLikelihood(answered, _weigh_lapses(np.log(_TYPICAL_LAPSE)))
+    likelihood = SlopeLikelihood(answered, _weigh_lapses(np.log(_LAPSE_PRIOR_MEDIAN)))
     slopes, value, scores, intercepts = likelihood.common
     people = len(scores)
     t = float(stdtrit(people - 1, 0.975))
@@ -108,7 +108,7 @@ def _average_slopes(answered: LevelCounts) -> Population:
     expected = np.sqrt(np.maximum(-np.gradient(scores.mean(axis=0), slopes), 1e-12) / people)
     above = _tail(scores.mean(axis=0), error, expected, people)
     # At another mean lapse rate the same (1 − 2λ) b belongs to another b.
-    same = (1 - 2 * _MEAN_LAPSES[:, None]) / (1 - 2 * _TYPICAL_LAPSE) * slopes
+    same = (1 - 2 * _MEAN_LAPSES[:, None]) / (1 - 2 * _LAPSE_PRIOR_MEDIAN) * slopes
     above = _share_lapses() @ np.array([np.interp(row, slopes, above) for row in same])
     told = (above < 0.025) | (above > 0.975)
     first, last = at, at
@@ -147,7 +147,7 @@ def _average_slopes(answered: LevelCounts) -> Population:
     return Population(
         people,
         NormalEffect(place, (middle + span * low, middle + span * high), np.nan, unknown),
-        NormalEffect(mean, log_95, np.nan, unknown), _TYPICAL_LAPSE, by_slope=True,
+        NormalEffect(mean, log_95, np.nan, unknown), _LAPSE_PRIOR_MEDIAN, by_slope=True,
     )  # fmt: skip
 
 
@@ -182,12 +182,12 @@ def fit_population(grid: PsychometricGrid) -> Population:
         raise InputError(f"a group needs at least two people; got {people}")
     x, y = grid.thresholds, grid.log_spreads
     at = np.array([
-        (alone.sum(axis=(2, 3)) @ x).mean(), (alone.sum(axis=(1, 3)) @ y).mean(), np.log(_TYPICAL_LAPSE),
+        (alone.sum(axis=(2, 3)) @ x).mean(), (alone.sum(axis=(1, 3)) @ y).mean(), np.log(_LAPSE_PRIOR_MEDIAN),
     ])  # fmt: skip
     t = u = 0.0
     t_95 = u_95 = (0.0, 0.0)
     scores, information = np.zeros((people, 3)), np.eye(3)
-    for _ in range(_PASSES):
+    for _ in range(_MAX_ITERATIONS):
         before = at.copy(), t, u
         weights = _weigh(y, at[1], u), _weigh_lapses(at[2])
         t, t_95, _ = _estimate_sd(*_refine(x, (likelihoods @ weights[1]) @ weights[0]))
@@ -226,7 +226,7 @@ def _bound_log_spread(
         scores, information, value = _place_scores(known, axes, place, sds)
         inverse = np.linalg.inv(information)
         error = np.sqrt((inverse @ (scores.T @ scores) @ inverse)[1, 1] * people / max(people - 1, 1))
-        wider = 1.0 + _WIDER * mean
+        wider = 1.0 + _LAPSE_WIDENING * mean
         found.append((place[1], wider * error, wider * np.sqrt(inverse[1, 1])))
         logs.append(value)
     means, errors, expected = np.array(found).T
@@ -310,7 +310,7 @@ def _estimate_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float,
     from scipy.interpolate import CubicSpline
 
     floor = float(values[1] - values[0])
-    candidates = np.geomspace(floor, values[-1] - values[0], _CANDIDATES)
+    candidates = np.geomspace(floor, values[-1] - values[0], _SD_CANDIDATES)
     mean = _mean_at(values, likelihoods, candidates)
     _, information = _scores(values, likelihoods, mean, candidates)
     joint = np.maximum(likelihoods @ _normal(values, mean, candidates), 1e-300)
@@ -323,9 +323,9 @@ def _estimate_sd(values: Array, likelihoods: Array) -> tuple[float, tuple[float,
     fine = np.append(logs[0] + slope * (below**2 - floor**2), CubicSpline(np.log(candidates), logs)(above))
     best = int(np.argmax(fine))
     low = high = best
-    while low > 0 and fine[low - 1] >= fine[best] - _HIERARCHICAL_CUT:
+    while low > 0 and fine[low - 1] >= fine[best] - _HALF_CHI2_95:
         low -= 1
-    while high < len(fine) - 1 and fine[high + 1] >= fine[best] - _HIERARCHICAL_CUT:
+    while high < len(fine) - 1 and fine[high + 1] >= fine[best] - _HALF_CHI2_95:
         high += 1
     return float(sds[best]), (float(sds[low]), float(sds[high])), floor
 
@@ -342,9 +342,9 @@ def _mean_at(values: Array, likelihoods: Array, sd: Array) -> Array:
     mass = likelihoods / likelihoods.sum(axis=1, keepdims=True)
     places = mass @ values
     away = float(np.sqrt(np.maximum(mass @ values**2 - places**2, 0.0)).max())
-    tried = np.linspace(max(places.min() - away, values[0]), min(places.max() + away, values[-1]), _TRIED)
+    tried = np.linspace(max(places.min() - away, values[0]), min(places.max() + away, values[-1]), _MEAN_CANDIDATES)
     weights = np.exp(-0.5 * ((values[:, None, None] - tried[:, None]) / sd) ** 2).reshape(len(values), -1)
-    joint = np.log(np.maximum(likelihoods @ weights, 1e-300)).sum(axis=0).reshape(_TRIED, -1)
+    joint = np.log(np.maximum(likelihoods @ weights, 1e-300)).sum(axis=0).reshape(_MEAN_CANDIDATES, -1)
     mean: Array = tried[np.argmax(joint, axis=0)]
     step = tried[1] - tried[0]
     for _ in range(3):
@@ -416,8 +416,8 @@ def _joint_scores(
         i, j, k = 3 * index[n]
         curvature[n, n] = moments[:, i, j, k].sum()
     information = -curvature - (square - score[:, :, None] * score[:, None, :]).sum(axis=0)
-    score[:, 2] -= (at[2] - np.log(_TYPICAL_LAPSE)) / _LAPSE_SPREAD**2 / people
-    information[2, 2] += 1 / _LAPSE_SPREAD**2
+    score[:, 2] -= (at[2] - np.log(_LAPSE_PRIOR_MEDIAN)) / _LAPSE_PRIOR_LOG_SD**2 / people
+    information[2, 2] += 1 / _LAPSE_PRIOR_LOG_SD**2
     size = np.linalg.eigvalsh(information)
     if size[0] <= 1e-6 * size[-1]:  # far from the maximum: the scores' spread scales the step
         information = score.T @ score + np.diag(np.diag(np.abs(information))) * 0.1

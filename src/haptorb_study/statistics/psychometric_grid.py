@@ -16,10 +16,10 @@ __all__ = ["LAPSE_EDGES", "PsychometricGrid"]
 
 #: edges of the cells of the lapse rate; integrating over cells keeps the density bounded
 LAPSE_EDGES = np.array([0.0, 0.004, 0.011, 0.021, 0.035, 0.055, 0.085, 0.13, 0.2, 0.3])
-_PSYCHOMETRIC_GRID_LAPSES = (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2
-_FARTHEST = 1 / 2  #: in level ranges: extent of the threshold axis beyond the levels
-_FINEST = 0.6  #: grid step in SDs of the most certain participant
-_POINTS = (21, 81)  #: minimum and maximum, per axis
+_LAPSE_RATES = (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2
+_THRESHOLD_MARGIN_RANGES = 1 / 2  #: in level ranges: extent of the threshold axis beyond the levels
+_STEP_SDS = 0.6  #: grid step in SDs of the most certain participant
+_AXIS_POINTS = (21, 81)  #: minimum and maximum, per axis
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,10 @@ class PsychometricGrid:
         """
         x = answered.levels
         span = float(np.ptp(x))
-        low, high = limits or (float(x[0]) - _FARTHEST * span, float(x[-1]) + _FARTHEST * span)
+        low, high = limits or (
+            float(x[0]) - _THRESHOLD_MARGIN_RANGES * span,
+            float(x[-1]) + _THRESHOLD_MARGIN_RANGES * span,
+        )
         least, most = spreads or (max(float(np.diff(x).min()) / 6, span / 300), 2 * span)
         narrow, wide = float(np.log(least)), float(np.log(most))
         axes = np.linspace(low, high, 33), np.linspace(narrow, wide, 17)
@@ -65,7 +68,7 @@ class PsychometricGrid:
     @property
     def lapses(self) -> Array:
         """(9,) lapse rates: centres of their cells."""
-        middles: Array = _PSYCHOMETRIC_GRID_LAPSES
+        middles: Array = _LAPSE_RATES
         return middles
 
     @cached_property
@@ -77,17 +80,17 @@ class PsychometricGrid:
         if self.target is None or self.guess is None:
             shape = ndtr((x - self.thresholds[:, None, None]) / spreads[:, None])[:, :, None, :]
         else:
-            reach = np.clip((self.target - self.guess) / (1 - self.guess - _PSYCHOMETRIC_GRID_LAPSES), 1e-6, 1 - 1e-6)
+            reach = np.clip((self.target - self.guess) / (1 - self.guess - _LAPSE_RATES), 1e-6, 1 - 1e-6)
             z = (x - self.thresholds[:, None, None]) / spreads[:, None]
             shape = ndtr(z[:, :, None, :] + ndtri(reach)[:, None])
-        low = _PSYCHOMETRIC_GRID_LAPSES[:, None] if self.guess is None else self.guess
-        p = np.clip(low + (1 - low - _PSYCHOMETRIC_GRID_LAPSES[:, None]) * shape, 1e-12, 1 - 1e-12).reshape(-1, len(x))
+        low = _LAPSE_RATES[:, None] if self.guess is None else self.guess
+        p = np.clip(low + (1 - low - _LAPSE_RATES[:, None]) * shape, 1e-12, 1 - 1e-12).reshape(-1, len(x))
         return np.log(p), np.log1p(-p)
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(thresholds, spreads, lapse rates)."""
-        return len(self.thresholds), len(self.log_spreads), len(_PSYCHOMETRIC_GRID_LAPSES)
+        return len(self.thresholds), len(self.log_spreads), len(_LAPSE_RATES)
 
     def log_likelihoods(self, yes: Array, of: Array, points: NDArray[np.intp] | None = None) -> Array:
         """(k, points) of k participants' or samples' answers, (k, levels) each; without binomial coefficients."""
@@ -110,7 +113,7 @@ class PsychometricGrid:
         middle, spread, lapse = (
             float(self.thresholds[i]),
             float(np.exp(self.log_spreads[j])),
-            float(_PSYCHOMETRIC_GRID_LAPSES[k]),
+            float(_LAPSE_RATES[k]),
         )
         guess = lapse if self.guess is None else self.guess
         if self.target is not None:
@@ -132,7 +135,9 @@ class PsychometricGrid:
         if self.guess is not None:
             flat = np.full(len(self.thresholds), 1 / len(self.thresholds))
             return flat, np.full(len(self.log_spreads), 1 / len(self.log_spreads)), lapse / lapse.sum()
-        away = np.maximum(np.maximum(x[0] - self.thresholds, self.thresholds - x[-1]), 0.0) / (_FARTHEST * span)
+        away = np.maximum(np.maximum(x[0] - self.thresholds, self.thresholds - x[-1]), 0.0) / (
+            _THRESHOLD_MARGIN_RANGES * span
+        )
         width = 3.29 * np.exp(self.log_spreads)
         short = np.clip((2 * step - width) / step, 0, 1)
         long = np.clip((width - span) / (2 * span), 0, 1)
@@ -165,5 +170,5 @@ def _zoom(axis: Array, mass: Array, least: float, most: float) -> tuple[Array, b
     low = max(least, float(axis[int((sums > 1e-4).any(axis=0).argmax())]) - 1.5 * step)
     high = min(most, float(axis[int((sums > 1 - 1e-4).all(axis=0).argmax())]) + 1.5 * step)
     spread = float(np.sqrt(np.maximum(mass @ axis**2 - (mass @ axis) ** 2, 0.0)).min())
-    count = (high - low) / (_FINEST * max(spread, step / 3))
-    return np.linspace(low, high, int(np.clip(np.ceil(count), *_POINTS))), spread > step / 3
+    count = (high - low) / (_STEP_SDS * max(spread, step / 3))
+    return np.linspace(low, high, int(np.clip(np.ceil(count), *_AXIS_POINTS))), spread > step / 3

@@ -15,14 +15,14 @@ from haptorb.errors import InputError
 
 __all__ = [
     "CORRECTIONS",
-    "EXACT_PEOPLE",
+    "MAX_EXACT_PARTICIPANTS",
     "TESTS",
     "Correction",
     "PairTest",
     "binomial_tail",
     "check_test",
+    "compute_p",
     "correct_p",
-    "decide_p",
     "fewest_people",
 ]
 
@@ -32,9 +32,9 @@ Correction = Literal["holm", "bonferroni", "none"]
 TESTS: tuple[PairTest, ...] = get_args(PairTest)
 CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
 
-EXACT_PEOPLE = 14  #: participants up to whom all sign patterns are enumerated
-_DRAWN = 5_000  #: sign patterns sampled above, with the observed one
-_AT_ONCE = 1 << 22  #: array elements at a time
+MAX_EXACT_PARTICIPANTS = 14  #: participants up to whom all sign patterns are enumerated
+_SAMPLED_PATTERNS = 5_000  #: sign patterns sampled above, with the observed one
+_BLOCK_ELEMENTS = 1 << 22  #: array elements at a time
 
 
 def binomial_tail(right: int, of: int, chance: float) -> float:
@@ -48,7 +48,7 @@ def binomial_tail(right: int, of: int, chance: float) -> float:
     return 1.0 if right <= 0 else float(bdtrc(right - 1, of, chance))
 
 
-def decide_p(differences: ArrayLike, test: PairTest = "t") -> Array:
+def compute_p(differences: ArrayLike, test: PairTest = "t") -> Array:
     """(...) two-sided p of a zero mean of `differences` (..., people); shared by analysis and power estimate.
 
     t          Student's test of the mean; the 95 % interval of `mean_interval` excludes zero where p < 0.05
@@ -58,7 +58,7 @@ def decide_p(differences: ArrayLike, test: PairTest = "t") -> Array:
     Where all differences of a group are equal there is no spread for Student's test to go by; then p is 1 if they are
     zero, else that of the sign-flip test, 2/2ⁿ. InputError with fewer than two people.
 
-    >>> float(decide_p([1.0, 2.0, 3.0, 4.0], "sign-flip")), round(float(decide_p([1.0, 2.0, 3.0, 4.0])), 4)
+    >>> float(compute_p([1.0, 2.0, 3.0, 4.0], "sign-flip")), round(float(compute_p([1.0, 2.0, 3.0, 4.0])), 4)
     (0.125, 0.0305)
     """
     from scipy.special import stdtr
@@ -128,7 +128,7 @@ def _flip_signs(groups: Array) -> Array:
     """(groups,) p of each row (people,), in blocks that fit into memory."""
     people = groups.shape[1]
     signs = _signs(people).T
-    step = max(1, _AT_ONCE // signs.shape[1])
+    step = max(1, _BLOCK_ELEMENTS // signs.shape[1])
     found = np.empty(len(groups))
     for first in range(0, len(groups), step):
         rows = groups[first : first + step]
@@ -140,8 +140,8 @@ def _flip_signs(groups: Array) -> Array:
 @cache
 def _signs(people: int) -> Array:
     """(patterns, people): all patterns up to a common sign, or sampled ones with the observed."""
-    if people <= EXACT_PEOPLE:
+    if people <= MAX_EXACT_PARTICIPANTS:
         return np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=people - 1)])
-    drawn: Array = np.random.default_rng(people).choice((-1.0, 1.0), (_DRAWN, people))
+    drawn: Array = np.random.default_rng(people).choice((-1.0, 1.0), (_SAMPLED_PATTERNS, people))
     drawn[0] = 1.0
     return drawn

@@ -25,27 +25,27 @@ from haptorb.arrays import Array
 from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
 from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES
 
-__all__ = ["MOST_LAPSES", "Direction", "SlopeLikelihood"]
+__all__ = ["MAX_LAPSE_RATE", "Direction", "SlopeLikelihood"]
 
 
 Direction = Literal["rising", "falling", "unknown"]
-MOST_LAPSES = 0.13  #: highest lapse rate of either asymptote: beyond it, there is no interval
-_SLOPE_LIKELIHOOD_LAPSES = (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2
-_USUAL = LAPSE_EDGES[1:] <= MOST_LAPSES + 1e-9
-_SLOPE_LIKELIHOOD_CUT = 1.9207  #: half of the 95 % quantile of χ²₁
-_SMALL = 12.0  #: trials; small-sample correction of the likelihood ratio, by simulation: 1 + 12/trials
-_BEND = 1.2  #: slope up to which the grid is linear, logarithmic beyond
-_STEEPEST = 60.0  #: range/60 as the smallest spread; at most 6 over the least distance of two levels
-_TAIL = 3.2  #: standard deviations that intercepts extend beyond the outermost level
-_SLOPES, _FINE = 41, 25  #: slopes of the common grid, and of each participant's refined grid
-_TINY = 1e-12
+MAX_LAPSE_RATE = 0.13  #: highest lapse rate of either asymptote: beyond it, there is no interval
+_LAPSE_RATES = (LAPSE_EDGES[1:] + LAPSE_EDGES[:-1]) / 2
+_ADMITTED_LAPSES = LAPSE_EDGES[1:] <= MAX_LAPSE_RATE + 1e-9
+_HALF_CHI2_95 = 1.9207  #: half of the 95 % quantile of χ²₁
+_SMALL_SAMPLE_TRIALS = 12.0  #: trials; small-sample correction of the likelihood ratio, by simulation: 1 + 12/trials
+_LINEAR_SLOPE_LIMIT = 1.2  #: slope up to which the grid is linear, logarithmic beyond
+_MAX_SLOPE = 60.0  #: range/60 as the smallest spread; at most 6 over the least distance of two levels
+_TAIL_SDS = 3.2  #: standard deviations that intercepts extend beyond the outermost level
+_COMMON_SLOPES, _REFINED_SLOPES = 41, 25  #: slopes of the common grid, and of each participant's refined grid
+_MIN_PROBABILITY = 1e-12
 
 
 @dataclass(frozen=True)
 class SlopeLikelihood:
     """Likelihood of each participant's answers; all arrays by participant.
 
-    weights  (9,) probabilities of the lapse rates' cells; None: equal up to `MOST_LAPSES`
+    weights  (9,) probabilities of the lapse rates' cells; None: equal up to `MAX_LAPSE_RATE`
     """
 
     answered: LevelCounts
@@ -68,7 +68,7 @@ class SlopeLikelihood:
     def log_weights(self) -> Array:
         """(9,) log weights; −∞ where a lapse rate is excluded."""
         if self.weights is None:
-            cells = np.diff(np.minimum(LAPSE_EDGES, MOST_LAPSES))
+            cells = np.diff(np.minimum(LAPSE_EDGES, MAX_LAPSE_RATE))
             cells = cells / cells.sum()
         else:
             cells = self.weights
@@ -79,13 +79,13 @@ class SlopeLikelihood:
     @cached_property
     def cuts(self) -> Array:
         """(people,) cut-off: decrease of the log likelihood at the limits of an interval."""
-        found: Array = _SLOPE_LIKELIHOOD_CUT * (1 + _SMALL / np.maximum(self.answered.of.sum(axis=1), 1))
+        found: Array = _HALF_CHI2_95 * (1 + _SMALL_SAMPLE_TRIALS / np.maximum(self.answered.of.sum(axis=1), 1))
         return found
 
     @cached_property
     def steepest(self) -> float:
         """Slope from which on the function is a step at these levels."""
-        return min(_STEEPEST, 6 / float(np.diff(self.units).min()))
+        return min(_MAX_SLOPE, 6 / float(np.diff(self.units).min()))
 
     # --- likelihood ---------------------------------------------------------------------------------------------------
 
@@ -104,8 +104,8 @@ class SlopeLikelihood:
         no = (self.answered.of - self.answered.yes)[:, None, :]
         logs, firsts, informations = [], [], []
         for n in used:
-            part = 1 - 2 * _SLOPE_LIKELIHOOD_LAPSES[n]
-            p = _SLOPE_LIKELIHOOD_LAPSES[n] + part * rise
+            part = 1 - 2 * _LAPSE_RATES[n]
+            p = _LAPSE_RATES[n] + part * rise
             change = part * density
             logs.append((yes * np.log(p) + no * np.log1p(-p)).sum(axis=-1) + self.log_weights[n])
             firsts.append((change * (yes / p - no / (1 - p))).sum(axis=-1))
@@ -119,7 +119,7 @@ class SlopeLikelihood:
 
     def _climb(self, slopes: Array, intercepts: Array, steps: int) -> tuple[Array, Array, Array]:
         """Maximise over the intercept by Fisher scoring, never downhill: intercept, value, information."""
-        limit = _TAIL + np.abs(slopes) / 2
+        limit = _TAIL_SDS + np.abs(slopes) / 2
         c = np.clip(intercepts, -limit, limit)
         value, first, information = self._differentiate(slopes, c)
         for _ in range(steps):
@@ -140,21 +140,21 @@ class SlopeLikelihood:
         """Slopes (s,), best intercepts and log likelihoods (people, s), and the maximum for each lapse rate."""
         from scipy.special import ndtr
 
-        bend = np.arcsinh(self.steepest / _BEND)
-        slopes = _BEND * np.sinh(np.linspace(-bend, bend, _SLOPES))
-        count = int(np.ceil((2 * _TAIL + self.steepest) / 1.3)) + 1
-        intercepts = np.linspace(-1, 1, count) * (_TAIL + np.abs(slopes[:, None]) / 2)
+        bend = np.arcsinh(self.steepest / _LINEAR_SLOPE_LIMIT)
+        slopes = _LINEAR_SLOPE_LIMIT * np.sinh(np.linspace(-bend, bend, _COMMON_SLOPES))
+        count = int(np.ceil((2 * _TAIL_SDS + self.steepest) / 1.3)) + 1
+        intercepts = np.linspace(-1, 1, count) * (_TAIL_SDS + np.abs(slopes[:, None]) / 2)
         rise = ndtr(intercepts[..., None] + slopes[:, None, None] * self.units).reshape(-1, len(self.units))
         yes, no = self.answered.yes, self.answered.of - self.answered.yes
-        best = np.full((len(yes), len(_SLOPE_LIKELIHOOD_LAPSES)), -np.inf)
+        best = np.full((len(yes), len(_LAPSE_RATES)), -np.inf)
         total = np.full((len(yes), len(rise)), -np.inf)
-        for n, lapse in enumerate(_SLOPE_LIKELIHOOD_LAPSES):
-            p = np.clip(lapse + (1 - 2 * lapse) * rise, _TINY, 1 - _TINY)
+        for n, lapse in enumerate(_LAPSE_RATES):
+            p = np.clip(lapse + (1 - 2 * lapse) * rise, _MIN_PROBABILITY, 1 - _MIN_PROBABILITY)
             logs = yes @ np.log(p).T + no @ np.log1p(-p).T
             best[:, n] = logs.max(axis=1)
             if np.isfinite(self.log_weights[n]):
                 total = np.logaddexp(total, logs + self.log_weights[n])
-        each = total.reshape(len(yes), _SLOPES, count)
+        each = total.reshape(len(yes), _COMMON_SLOPES, count)
         start = np.take_along_axis(np.broadcast_to(intercepts, each.shape), each.argmax(axis=2)[..., None], 2)[..., 0]
         wide = np.broadcast_to(slopes, start.shape)
         c, value, _ = self._climb(wide, start, 4)
@@ -167,16 +167,16 @@ class SlopeLikelihood:
         Only where a person's likelihood is not negligible; slopes are equally far apart in asinh(b/1.2).
         """
         slopes, c, value, _ = self._rough
-        axis = np.arcsinh(slopes / _BEND)
+        axis = np.arcsinh(slopes / _LINEAR_SLOPE_LIMIT)
         step = axis[1] - axis[0]
         near = value >= value.max(axis=1, keepdims=True) - 3 * self.cuts[:, None]
         low = np.maximum(axis[near.argmax(axis=1)] - step, axis[0])
         high = np.minimum(axis[len(axis) - 1 - near[:, ::-1].argmax(axis=1)] + step, axis[-1])
-        fine = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _FINE)
+        fine = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _REFINED_SLOPES)
         start = np.array([np.interp(one, axis, row) for one, row in zip(fine, c, strict=True)])
         nearest = np.abs(fine[..., None] - axis).argmin(axis=-1)
         other = np.take_along_axis(c, nearest, 1)
-        wide = _BEND * np.sinh(fine)
+        wide = _LINEAR_SLOPE_LIMIT * np.sinh(fine)
         start = np.where(self.log_likelihood(wide, other) > self.log_likelihood(wide, start), other, start)
         return wide, *self._climb(wide, start, 3)
 
@@ -186,13 +186,13 @@ class SlopeLikelihood:
         from scipy.interpolate import CubicSpline
 
         slopes, c, value, _ = self._profile
-        count = 32 * (_FINE - 1) + 1
-        place = np.linspace(0, _FINE - 1, count)
-        bent = np.arcsinh(slopes / _BEND)
-        axis = bent[:, :1] + (bent[:, -1:] - bent[:, :1]) * place / (_FINE - 1)
-        smooth = CubicSpline(np.arange(_FINE), value, axis=1)(place)
-        middles = np.array([np.interp(place, np.arange(_FINE), row) for row in c])
-        return _BEND * np.sinh(axis), smooth, middles
+        count = 32 * (_REFINED_SLOPES - 1) + 1
+        place = np.linspace(0, _REFINED_SLOPES - 1, count)
+        bent = np.arcsinh(slopes / _LINEAR_SLOPE_LIMIT)
+        axis = bent[:, :1] + (bent[:, -1:] - bent[:, :1]) * place / (_REFINED_SLOPES - 1)
+        smooth = CubicSpline(np.arange(_REFINED_SLOPES), value, axis=1)(place)
+        middles = np.array([np.interp(place, np.arange(_REFINED_SLOPES), row) for row in c])
+        return _LINEAR_SLOPE_LIMIT * np.sinh(axis), smooth, middles
 
     # --- what it says -------------------------------------------------------------------------------------------------
 
@@ -212,9 +212,11 @@ class SlopeLikelihood:
 
     @cached_property
     def too_many_lapses(self) -> NDArray[np.bool_]:
-        """(people,) whether lapse rates above `MOST_LAPSES` are clearly more likely than those below."""
+        """(people,) whether lapse rates above `MAX_LAPSE_RATE` are clearly more likely than those below."""
         best = self.by_lapse
-        found: NDArray[np.bool_] = best[:, ~_USUAL].max(axis=1) - best[:, _USUAL].max(axis=1) > 2 * self.cuts
+        found: NDArray[np.bool_] = (
+            best[:, ~_ADMITTED_LAPSES].max(axis=1) - best[:, _ADMITTED_LAPSES].max(axis=1) > 2 * self.cuts
+        )
         return found
 
     def direction(self, person: int) -> Direction:
@@ -273,12 +275,12 @@ class SlopeLikelihood:
         from scipy.interpolate import CubicSpline
 
         slopes, c, value, _ = self._rough
-        axis = np.arcsinh(slopes / _BEND)
+        axis = np.arcsinh(slopes / _LINEAR_SLOPE_LIMIT)
         fine = np.linspace(axis[0], axis[-1], 1601)
         spline = CubicSpline(axis, value, axis=1)
-        dense = _BEND * np.sinh(fine)
+        dense = _LINEAR_SLOPE_LIMIT * np.sinh(fine)
         middles = np.array([np.interp(fine, axis, row) for row in c])
-        return dense, spline(fine), spline(fine, 1) / (_BEND * np.cosh(fine)), middles
+        return dense, spline(fine), spline(fine, 1) / (_LINEAR_SLOPE_LIMIT * np.cosh(fine)), middles
 
     def curve(self, person: int, lapse: float) -> PsychometricCurve:
         """Maximum-likelihood function with `lapse`; a falling one has a negative spread."""
@@ -294,7 +296,7 @@ class SlopeLikelihood:
         slopes, intercepts = self.estimates
         rise = ndtr(intercepts[person] + slopes[person] * self.units)
         p = np.clip(
-            _SLOPE_LIKELIHOOD_LAPSES[:, None] + (1 - 2 * _SLOPE_LIKELIHOOD_LAPSES[:, None]) * rise, _TINY, 1 - _TINY
+            _LAPSE_RATES[:, None] + (1 - 2 * _LAPSE_RATES[:, None]) * rise, _MIN_PROBABILITY, 1 - _MIN_PROBABILITY
         )
         yes = self.answered.yes[person]
         logs = np.log(p) @ yes + np.log1p(-p) @ (self.answered.of[person] - yes) + self.log_weights
@@ -312,8 +314,10 @@ class SlopeLikelihood:
         width = 1 / np.sqrt(np.maximum(information[keep], 0.05))
         intercepts = c[keep][:, None] + width[:, None] * np.linspace(-far, far, count)
         rise = ndtr(intercepts[..., None] + slopes[keep][:, None, None] * self.units).reshape(-1, 1, len(self.units))
-        usual = np.append(0.0, _SLOPE_LIKELIHOOD_LAPSES[1::2])[:, None]
-        found: Array = np.clip(usual + (1 - 2 * usual) * rise, _TINY, 1 - _TINY).reshape(-1, len(self.units))
+        usual = np.append(0.0, _LAPSE_RATES[1::2])[:, None]
+        found: Array = np.clip(usual + (1 - 2 * usual) * rise, _MIN_PROBABILITY, 1 - _MIN_PROBABILITY).reshape(
+            -1, len(self.units)
+        )
         return found
 
     def _falls_more_likely(self, person: int) -> bool:
@@ -354,7 +358,7 @@ class SlopeLikelihood:
         inside = room > 0
         found = []
         for side in (-1.0, 1.0):
-            limit = _TAIL + np.abs(slopes) / 2 + 1.0
+            limit = _TAIL_SDS + np.abs(slopes) / 2 + 1.0
             away = room / np.sqrt(np.maximum(information, 0.02))
             for _ in range(5):
                 at = np.clip(c + side * away, -limit, limit)

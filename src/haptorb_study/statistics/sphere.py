@@ -14,7 +14,7 @@ from haptorb.errors import InputError
 __all__ = ["DirectionSpread", "error_vectors", "find_away_axes", "local_axes", "summarize_directions"]
 
 
-_SPHERE_TINY = 1e-9  #: norm below which a direction is undefined
+_MIN_NORM = 1e-9  #: norm below which a direction is undefined
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def local_axes(ways: ArrayLike) -> tuple[Array, Array]:
     n = _unit(ways, "ways")
     flat = np.hypot(n[..., 0], n[..., 1])
     with np.errstate(invalid="ignore", divide="ignore"):
-        cos, sin = (np.where(flat > _SPHERE_TINY, n[..., k] / flat, np.nan) for k in (0, 1))
+        cos, sin = (np.where(flat > _MIN_NORM, n[..., k] / flat, np.nan) for k in (0, 1))
     up = np.stack([-n[..., 2] * cos, -n[..., 2] * sin, np.where(np.isfinite(cos), flat, np.nan)], axis=-1)
     return up + 0.0, np.stack([-sin, cos, np.where(np.isfinite(cos), 0.0, np.nan)], axis=-1) + 0.0
 
@@ -60,7 +60,7 @@ def find_away_axes(ways: ArrayLike, hand_deg: float) -> Array:
     along = away - (n @ away)[..., None] * n
     size = np.linalg.norm(along, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: Array = np.where(size > _SPHERE_TINY, along / size, np.nan) + 0.0
+        found: Array = np.where(size > _MIN_NORM, along / size, np.nan) + 0.0
     return found
 
 
@@ -84,7 +84,7 @@ def error_vectors(asked: ArrayLike, answered: ArrayLike) -> Array:
     sin = np.linalg.norm(side, axis=-1, keepdims=True)
     angle = np.degrees(np.arctan2(sin, cos))
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.where(sin > _SPHERE_TINY, angle * side / sin, np.where(cos > 0, 0.0, np.nan))
+        found = np.where(sin > _MIN_NORM, angle * side / sin, np.where(cos > 0, 0.0, np.nan))
     return np.where(np.isfinite(a), found, np.nan) + 0.0
 
 
@@ -105,7 +105,7 @@ def summarize_directions(ways: ArrayLike) -> DirectionSpread:
     length = float(np.linalg.norm(total))
     resultant = min(1.0, length / count)
     theta = phi = math.nan
-    if resultant > _SPHERE_TINY:
+    if resultant > _MIN_NORM:
         theta = math.degrees(math.atan2(math.hypot(total[0], total[1]), total[2]))
         phi = math.degrees(math.atan2(total[1], total[0]))
     rest = count - length
@@ -119,7 +119,7 @@ def _unit(ways: ArrayLike, name: str) -> Array:
     if n.ndim < 1 or n.shape[-1] != 3:
         raise InputError(f"{name} must be directions, shape (..., 3); got {n.shape}")
     length = np.linalg.norm(n, axis=-1, keepdims=True)
-    if (length <= _SPHERE_TINY).any():
+    if (length <= _MIN_NORM).any():
         raise InputError(f"{name} must be directions; a vector of length zero has none")
     unit: Array = n / length
     return unit

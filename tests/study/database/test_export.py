@@ -177,9 +177,9 @@ def test_stops_and_repeats_are_in_every_export(identify: Study, tmp_path: Path) 
     engine = database(tmp_path / "s.db")
     with StoredSession(engine, identify, "P01") as session:
         session.answer(Answer(1, (0.0, 0.0, 0.05), 1.0))
-        session.note("pause", "by the participant")
-        session.note("resume")
-        session.note("repeat", "stopped by the participant")
+        session.record_event("pause", "by the participant")
+        session.record_event("resume")
+        session.record_event("repeat", "stopped by the participant")
         while session.prompt is not None:
             session.answer(Answer(1, (0.0, 0.0, 0.05), 1.0))
     export_study(engine, tmp_path / "t.csv")

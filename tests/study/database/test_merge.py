@@ -10,7 +10,7 @@ import pytest
 
 from haptorb.cli import main
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.copies import back_up, note_copy
+from haptorb_study.copies import back_up, record_copy
 from haptorb_study.database import database
 from haptorb_study.export import export_study
 from haptorb_study.merge import Renaming, merge_databases
@@ -155,7 +155,7 @@ def test_who_withdraws_is_gone_from_database_exports_merges_and_backups(two: Stu
     engine = database(tmp_path / "c.db")
     for name in ("t.csv", "bids"):
         export_study(engine, tmp_path / name)
-        note_copy(engine, "export", tmp_path / name, "two", {"data": None})
+        record_copy(engine, "export", tmp_path / name, "two", {"data": None})
     engine.dispose()
     recordings = {p.read_text() for p in tmp_path.rglob("*.mcap")}
     assert "b.db P01" in recordings
@@ -184,7 +184,7 @@ def test_what_cannot_be_reached_is_named_and_a_running_session_stays(two: Study,
     place = fill(tmp_path / "a.db", two, ["P01", "P02"])
     engine = database(place)
     export_study(engine, tmp_path / "t.csv")
-    note_copy(engine, "export", tmp_path / "t.csv", "two")
+    record_copy(engine, "export", tmp_path / "t.csv", "two")
     engine.dispose()
     (tmp_path / "t.csv").unlink()
     shutil.move(tmp_path / "two-session-1-trial-1.mcap", tmp_path / "moved.mcap")

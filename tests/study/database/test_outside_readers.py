@@ -66,8 +66,8 @@ def take_part(study: Study, folder: Path) -> tuple[Columns, dict[str, dict[str, 
         with StoredSession(engine, study, code, simulated=False) as session:
             while session.prompt is not None:
                 if session.number == 1:
-                    session.note("pause", "a break")
-                    session.note("repeat", "the device was off")
+                    session.record_event("pause", "a break")
+                    session.record_event("repeat", "the device was off")
                 session.answer(
                     choose_answer(session.prompt, draw), driver="sim" if number % 2 else "serial:/dev/ttyUSB0",
                     safety=[{"code": "OVERSPEED"}, {"code": "STOPPED"}] if session.number == 2 else [],

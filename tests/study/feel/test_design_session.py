@@ -32,7 +32,7 @@ def feel(session: FeelSession, name: str) -> Trace:
 
 def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
     session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
-    kept = session.keep(feel(session, "firm"))
+    kept = session.store_trace(feel(session, "firm"))
     assert kept == "traces/firm-0001.csv"
     session.rate("firm", 6, person="anna", comment="holds well, größer", trace=kept)
     session.rate("firm", 5)
@@ -48,7 +48,7 @@ def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
     choice = again.choice()
     assert choice is not None
     assert choice.design == "firm"
-    assert again.keep(feel(again, "firm")) == "traces/firm-0002.csv"
+    assert again.store_trace(feel(again, "firm")) == "traces/firm-0002.csv"
     rows = again.trace(kept)
     assert rows.shape == (50, len(COLUMNS))
     assert rows == pytest.approx(feel(again, "firm").rows, rel=1e-8, abs=1e-12)
@@ -93,7 +93,7 @@ def test_what_was_rated_survives_a_killed_process(tmp_path: Path) -> None:
 
 def test_the_comparison_is_a_table_and_a_picture(tmp_path: Path) -> None:
     session = FeelSession(tmp_path, load_designs(EXAMPLE))
-    session.rate("firm", 6, trace=session.keep(feel(session, "firm")))
+    session.rate("firm", 6, trace=session.store_trace(feel(session, "firm")))
     session.choose("firm")
     table = comparison(session.candidates, session)
     assert table["firm"]["chosen"]
@@ -120,7 +120,7 @@ def test_bad_input(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no trace"):
         session.rate("plain", 3, trace="traces/plain-0009.csv")
     with pytest.raises(InputError, match="is empty"):
-        session.keep(Trace(session.candidates["plain"]))
+        session.store_trace(Trace(session.candidates["plain"]))
     (tmp_path / "traces" / "odd.csv").write_text("a,b\n1,2\n")
     with pytest.raises(RecordingError, match="is not a trace"):
         session.trace("traces/odd.csv")

@@ -72,7 +72,7 @@ def kept(tmp_path: Path) -> FeelSession:
 def start(kept: FeelSession, *, moving: bool = False, **options: Any) -> tuple[LiveSession, Servo]:
     live, servo = LiveSession(kept, list(kept.candidates.designs), seed=1, **options), Servo()
     servo.moving = moving
-    live.join(servo)
+    live.attach(servo)
     return live, servo
 
 

@@ -133,7 +133,7 @@ def test_the_report_has_geometry_forces_stress_and_everybodys_ratings(tmp_path: 
     )
     session = FeelSession(tmp_path / "s", load_designs(path))
     felt = move(session.candidates["firm"], 0.009, 0.05)
-    session.rate("firm", 6, person="anna", trace=session.keep(felt, person="anna"), blind=True)
+    session.rate("firm", 6, person="anna", trace=session.store_trace(felt, person="anna"), blind=True)
     session.rate("plain", 2, person="ben")
     session.choose("firm")
     page = Page(make_report(session, ("Simulated device 'pmsm'.", "True scale.")))
@@ -152,7 +152,7 @@ def test_the_report_has_geometry_forces_stress_and_everybodys_ratings(tmp_path: 
 
 def test_every_design_felt_is_in_the_comparison_rated_or_not(tmp_path: Path) -> None:
     session = FeelSession(tmp_path, load_designs(EXAMPLE))
-    session.keep(move(session.candidates["firm"], 0.009, 0.05))
+    session.store_trace(move(session.candidates["firm"], 0.009, 0.05))
     table = comparison(session.candidates, session)
     assert table["firm"]["felt"] == 1
     assert table["firm"]["felt_pull_out_force_n"] == pytest.approx(table["firm"]["pull_out_force_n"], rel=0.05)

@@ -13,7 +13,7 @@ from sqlalchemy import Connection, inspect
 
 from haptorb.errors import InputError, RecordingError
 from haptorb_study import database as migrations
-from haptorb_study.columns import COLUMNS, keep_older, read_replies, read_study, tidy
+from haptorb_study.columns import COLUMNS, find_begun_version, read_replies, read_study, tidy
 from haptorb_study.database import SCHEMA, database, list_participants, lock_session
 from haptorb_study.export import write_bids, write_csv
 from haptorb_study.procedures import Answer
@@ -233,7 +233,7 @@ def test_an_older_schema_is_brought_forward_and_its_session_goes_on(identify: St
     with sqlite3.connect(tmp_path / "s.db") as raw:
         assert raw.execute("SELECT version FROM haptorb_schema").fetchall() == [(SCHEMA,)]
     raw.close()
-    begun = keep_older(engine, identify)
+    begun = find_begun_version(engine, identify)
     assert begun.digest == "87432234ffc10fc3"
     with StoredSession(engine, begun, "P01") as session:
         assert (session.number, session.question) == (3, None)

@@ -17,7 +17,7 @@ def test_a_steered_pen_rests_while_the_program_waits_for_a_processor(identify: S
     """Two pages of one session and a start of the device can keep it waiting for 0.2 s; a pose expires after 0.05 s."""
     with Servo(identify.device, identify.world_name, record=False) as servo:
         device = TrialDevice(identify, servo)
-        device.hold()
+        device.repeat_goal()
         cursor = servo.rows()[0]
         deadline = time.monotonic() + 20.0
         while servo.rows()[0] < cursor + 400 and time.monotonic() < deadline:
@@ -26,5 +26,5 @@ def test_a_steered_pen_rests_while_the_program_waits_for_a_processor(identify: S
         age = rows[:, servo.layout["age"]]
         assert len(rows) >= 300
         assert np.nanmax(age) < servo.device.limits.expiry
-        device.look()
+        device.poll_trips()
         assert device.trips == []

@@ -9,7 +9,7 @@ from scipy.stats import nct, permutation_test, ttest_1samp
 from haptorb.errors import InputError
 from haptorb_study.statistics.effect_size import effect_size
 from haptorb_study.statistics.intervals import mean_interval
-from haptorb_study.statistics.significance import correct_p, decide_p, fewest_people
+from haptorb_study.statistics.significance import compute_p, correct_p, fewest_people
 
 DRAW = np.random.default_rng(5)
 
@@ -17,7 +17,7 @@ DRAW = np.random.default_rng(5)
 @pytest.mark.parametrize("people", [2, 6, 24])
 def test_students_test_is_scipys_and_agrees_with_its_interval(people: int) -> None:
     groups = DRAW.normal(0.6, 1.0, (50, people))
-    p = decide_p(groups)
+    p = compute_p(groups)
     assert p == pytest.approx(ttest_1samp(groups, 0.0, axis=1).pvalue)
     low, high = mean_interval(groups.T)
     assert ((p < 0.05) == ((low > 0) | (high < 0))).all()
@@ -29,32 +29,32 @@ def test_sign_flips_are_scipys_permutations(people: int) -> None:
     found = permutation_test(
         (d,), lambda x, axis: np.mean(x, axis=axis), permutation_type="samples", vectorized=True, n_resamples=np.inf
     )
-    assert float(decide_p(d, "sign-flip")) == pytest.approx(found.pvalue)
+    assert float(compute_p(d, "sign-flip")) == pytest.approx(found.pvalue)
 
 
 def test_drawn_signs_come_near_all_of_them() -> None:
     d = DRAW.normal(0.4, 1.0, 15)
     signs = 1 - 2 * ((np.arange(1 << 15)[:, None] >> np.arange(15)) & 1)
     exact = np.mean(np.abs(signs @ d) >= abs(d.sum()) - 1e-12)
-    assert float(decide_p(d, "sign-flip")) == pytest.approx(exact, abs=4 * np.sqrt(exact / 5_000))
+    assert float(compute_p(d, "sign-flip")) == pytest.approx(exact, abs=4 * np.sqrt(exact / 5_000))
 
 
 def test_groups_are_decided_one_by_one() -> None:
     groups = DRAW.normal(0.3, 1.0, (300, 13))
-    together = decide_p(groups, "sign-flip")
-    assert together.tolist() == [float(decide_p(group, "sign-flip")) for group in groups]
+    together = compute_p(groups, "sign-flip")
+    assert together.tolist() == [float(compute_p(group, "sign-flip")) for group in groups]
 
 
 @pytest.mark.parametrize(("value", "p"), [(0.0, 1.0), (-2.5, 2 / 2**5)])
 def test_people_who_do_not_differ_are_not_proof_beyond_their_number(value: float, p: float) -> None:
-    assert float(decide_p([value] * 5)) == pytest.approx(p)
+    assert float(compute_p([value] * 5)) == pytest.approx(p)
     assert np.isnan(effect_size([value] * 5).d_z)
 
 
 @pytest.mark.parametrize(("values", "test", "words"), [([1.0], "t", "two"), ([1.0, 2.0], "u", "known: t, sign-flip")])
 def test_what_cannot_be_tested_is_refused(values: list[float], test: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        decide_p(values, test)  # type: ignore[arg-type]
+        compute_p(values, test)  # type: ignore[arg-type]
 
 
 def test_holm_by_hand() -> None:
@@ -68,7 +68,7 @@ def test_holm_by_hand() -> None:
 
 def test_holm_keeps_the_error_of_all_tests_together() -> None:
     groups = DRAW.normal(0.0, 1.0, (2000, 5, 12))
-    wrong = [min(correct_p(p)) < 0.05 for p in decide_p(groups)]
+    wrong = [min(correct_p(p)) < 0.05 for p in compute_p(groups)]
     assert np.mean(wrong) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / 2000))
 
 
@@ -98,6 +98,6 @@ def test_with_two_people_the_correction_for_few_leaves_nothing() -> None:
 @pytest.mark.parametrize(("alpha", "fewest"), [(0.05, 6), (0.001, 11), (0.3, 3)])
 def test_fewest_people_are_those_whose_signs_can_show_it(alpha: float, fewest: int) -> None:
     assert fewest_people(alpha, "sign-flip") == fewest
-    enough, too_few = (float(decide_p(np.ones(people), "sign-flip")) for people in (fewest, fewest - 1))
+    enough, too_few = (float(compute_p(np.ones(people), "sign-flip")) for people in (fewest, fewest - 1))
     assert enough == pytest.approx(2 / 2**fewest)
     assert enough < alpha <= too_few

@@ -12,7 +12,7 @@ import pytest
 
 from haptorb.cli import main
 from haptorb.errors import InputError
-from haptorb_study.columns import keep_older, tidy
+from haptorb_study.columns import find_begun_version, tidy
 from haptorb_study.database import database
 from haptorb_study.order import (
     balance_conditions,
@@ -258,11 +258,11 @@ def test_a_study_of_an_older_version_keeps_its_digest_and_its_order(text: str, t
     with StoredSession(engine, older, "P01") as session:
         first = session.prompt
         assert first is not None
-    kept = keep_older(engine, study_of(text))
+    kept = find_begun_version(engine, study_of(text))
     assert (kept.digest, kept.text) == (older.digest, older.text)
     with StoredSession(engine, kept, "P01") as session:
         assert session.prompt == first
-    assert keep_older(database(tmp_path / "new.db"), study_of(text)).order_version == "2"
+    assert find_begun_version(database(tmp_path / "new.db"), study_of(text)).order_version == "2"
 
 
 def test_check_prints_who_meets_what(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
-from haptorb_study.columns import keep_older
+from haptorb_study.columns import find_begun_version
 from haptorb_study.columns import read_study as read_stored
 from haptorb_study.database import database
 from haptorb_study.order import balance_conditions, plan, procedure_of
@@ -145,11 +145,11 @@ def test_a_stored_study_keeps_the_set_points_that_it_ran_with(tmp_path: Path) ->
     older = study_of(text, stored=True)  # as a database of an older haptorb has it
     assert older.points == list_equal_rings()
     engine = database(tmp_path / "s.db")
-    assert keep_older(engine, study_of(text)).points == list_published()
+    assert find_begun_version(engine, study_of(text)).points == list_published()
     with StoredSession(engine, older, "P01") as session:
         prompt = session.prompt
         session.answer(Answer(prompt.set_point if prompt else 0, (0.0, 0.0, 0.05)))
-    kept = keep_older(engine, study_of(text))
+    kept = find_begun_version(engine, study_of(text))
     assert (kept.digest, kept.text, kept.points) == (older.digest, text, list_equal_rings())
     with StoredSession(engine, kept, "P01") as session:
         assert session.number == 1
