@@ -31,7 +31,7 @@ from typing import Any
 
 from haptorb_design.design_file import load_design
 from haptorb_design.problem import Design, Evaluation, Value
-from haptorb_design.results_table import keep_candidates
+from haptorb_design.results_table import store_candidates
 from haptorb_design.sampling import sample, sweep
 from haptorb_design.search import Optimiser, optimise
 from haptorb_design.store import open_results
@@ -49,7 +49,7 @@ def time_sweep(design: Design, count: int, processes: int, folder: str) -> dict[
         for _ in workers.evaluate(enumerate(values[count:])):
             pass
         begin = time.perf_counter()
-        keep_candidates(writer, sweep(values[:count], workers.evaluate, {}), design, count)
+        store_candidates(writer, sweep(values[:count], workers.evaluate, {}), design, count)
         seconds = time.perf_counter() - begin
         found = writer.list_known().values()
     valid = sum(one.valid for one in found)

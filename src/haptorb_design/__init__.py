@@ -1,4 +1,4 @@
-"""Search for devices: a design file, what is computed of each candidate, sweeps, optimisation, and their results.
+"""Search for devices: design files, evaluation of candidates, sweeps, optimisation, and their results.
 
 >>> from pathlib import Path
 >>> from haptorb_design import evaluate_candidate, parse_design

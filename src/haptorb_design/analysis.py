@@ -1,4 +1,4 @@
-"""A few designs to look at: with one objective the best that differ, with several the front from end to end."""
+"""Analysis of evaluated designs: Pareto front, representative picks, and sensitivity to each parameter."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scipy.stats import rankdata
 
 from haptorb.arrays import Array
 
-__all__ = ["FEWEST", "RULES", "Pick", "Sensitivity", "choose_best", "estimate_sensitivity", "find_front"]
+__all__ = ["MIN_DESIGNS", "RULES", "Pick", "Sensitivity", "choose_best", "estimate_sensitivity", "find_front"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The Pareto front: the designs that no other design beats in one objective without loss in another.
+# Pareto front: designs that no other design beats in one objective without loss in another.
 
 
 def find_front(costs: Array) -> NDArray[np.int_]:
-    """Rows (k,), ascending, of `costs` (n, m) that are on the front; every cost is to be made small [any unit].
+    """Rows (k,), ascending, of `costs` (n, m) on the Pareto front of a minimisation.
 
     A row is on the front if no other row is at most as large in every column and smaller in one. Equal rows are both.
 
@@ -29,7 +29,7 @@ def find_front(costs: Array) -> NDArray[np.int_]:
     rows: NDArray[np.int_] = np.arange(len(costs))
     if not len(rows):
         return rows
-    # What comes early in the order of the sum of ranks beats many others: they leave at once.
+    # Designs with a small sum of ranks dominate many others, so they are tested first.
     ranks = np.argsort(np.argsort(costs, axis=0, kind="stable"), axis=0, kind="stable")
     rows = rows[np.argsort(ranks.sum(axis=1), kind="stable")]
     left, place = costs[rows], 0
@@ -41,9 +41,9 @@ def find_front(costs: Array) -> NDArray[np.int_]:
     return np.sort(rows)
 
 
-_APART = 0.05  #: of a parameter's range by which two designs differ
+_MIN_DIFFERENCE = 0.05  #: difference between picks, relative to a parameter's range
 
-#: how the designs are chosen, by whether there are several objectives
+#: rule of the picks, by whether there are several objectives
 RULES = {
     False: "The best design, then the next best that differ from every design before them by at least 5 % of the range "
     "of one parameter, or in a choice. If there are not enough such designs, the next best follow.",
@@ -56,14 +56,14 @@ RULES = {
 
 @dataclass(frozen=True)
 class Pick:
-    """A design that was chosen: its row, and one line why."""
+    """A picked design: its row, and the reason in one line."""
 
     row: int
     reason: str
 
 
 def choose_best(costs: Array, places: Array, names: Sequence[str], count: int = 5) -> tuple[Pick, ...]:
-    """At most `count` rows of `costs`, the designs to look at first, by `RULES`.
+    """At most `count` rows of `costs`, picked by `RULES`.
 
     costs   (n, m) objectives, each to be made small [any unit]
     places  (n, p) parameters as shares of their ranges, 0 to 1; choices as whole numbers
@@ -84,7 +84,7 @@ def _choose_apart(costs: Array, places: Array, count: int) -> tuple[Pick, ...]:
     for row in order[1:].tolist():
         if len(chosen) == count:
             break
-        if all((np.abs(places[row] - places[one]) >= _APART).any() for one in chosen):
+        if all((np.abs(places[row] - places[one]) >= _MIN_DIFFERENCE).any() for one in chosen):
             chosen.append(row)
     rest = [row for row in order[: 2 * count].tolist() if row not in chosen]
     chosen = sorted((chosen + rest)[:count], key=lambda row: float(costs[row]))
@@ -104,12 +104,12 @@ def _choose_spread(costs: Array, names: Sequence[str], count: int) -> tuple[Pick
 
 
 def _order_front(costs: Array, names: Sequence[str], count: int) -> list[tuple[int, str]]:
-    """Rows of a front in the order in which they are chosen, each once, and why."""
+    """Rows of a front in the order of the picks, each once, with the reason."""
     low, high = costs.min(axis=0), costs.max(axis=0)
     shares = (costs - low) / np.where(high > low, high - low, 1.0)
     found = {int(np.argmin(np.linalg.norm(shares, axis=1))): "compromise"}
     for column, name in enumerate(names):
-        # Of equal values in one objective, the best in the others.
+        # Ties in one objective are resolved by the others.
         best = int(np.lexsort((shares.sum(axis=1), shares[:, column]))[0])
         found[best] = f"{found[best]}, best {name}" if best in found else f"best {name}"
     while len(found) < min(count, len(costs)):
@@ -120,33 +120,30 @@ def _order_front(costs: Array, names: Sequence[str], count: int) -> list[tuple[i
 
 
 # --------------------------------------------------------------------------------------------------
-# What each parameter does to an objective, from the designs that were tried, with intervals.
+# Sensitivity of an objective to each parameter, from the evaluated designs, with confidence intervals.
 #
-# share      the correlation ratio of the objective's ranks on the parameter: the share of the variance of the ranks
-# that
-#            goes when the parameter is known, Var(E[R|x]) / Var(R). It is Sobol's first-order index of the ranks, and
-#            sees a best value within the range, where a slope sees nothing. The parameter is cut into parts with
-#            equally
-#            many designs; the part that chance alone explains is taken away (adjusted: Kelley's ε²).
-# direction  Spearman's rank correlation: +1, the objective grows with the parameter; −1, it falls. No number for
-# choices.
+# share      correlation ratio of the objective's ranks on the parameter: share of the variance of the ranks explained by
+#            the parameter, Var(E[R|x]) / Var(R). It is Sobol's first-order index of the ranks, and detects an optimum
+#            within the range, which a slope does not. The parameter is divided into bins with equal counts; the share
+#            expected by chance is subtracted (adjusted: Kelley's ε²).
+# direction  Spearman's rank correlation: +1, the objective grows with the parameter; −1, it falls. None for choices.
 #
-# Ranks, because an objective such as heat per force squared grows without bound at the edge of what works: there a few
-# designs would decide everything.
+# Ranks, because an objective such as heat per force squared grows without bound at the limits of feasibility, where a
+# few designs would dominate.
 #
 # Intervals are 95 %, from 200 random halves of the designs. The spread of an estimate from n/2 designs about that from
-# n is the standard error with n designs (the jackknife that leaves out half: Shao and Wu 1989); a bootstrap, which
-# draws designs twice, takes those repetitions for an effect of the parameter, and finds a share where there is none.
+# n is the standard error with n designs (delete-half jackknife: Shao and Wu 1989); a bootstrap, which draws designs
+# repeatedly, mistakes these repetitions for an effect of the parameter, and finds a share where there is none.
 
 
-FEWEST = 40  #: designs; nothing is estimated from fewer
-_PARTS = 60  #: most parts that a parameter is cut into
-_HALVES = 200  #: random halves of the designs
+MIN_DESIGNS = 40  #: minimum number of designs for an estimate
+_MAX_BINS = 60  #: maximum number of bins
+_RANDOM_HALVES = 200  #: random halves of the designs
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What one parameter does to one objective; each number with its interval (low, high); None: there is none.
+    """Sensitivity of one objective to one parameter; each number with its interval (low, high); None: not defined.
 
     share      of the variance of the objective's ranks, 0 to 1
     direction  rank correlation, −1 to +1; None for a choice between values without order
@@ -159,7 +156,7 @@ class Sensitivity:
 
 
 def estimate_sensitivity(parameter: Array, objective: Array, *, ordered: bool = True, seed: int = 0) -> Sensitivity:
-    """The sensitivity of `objective` (n,) [any unit] to `parameter` (n,) [any unit], n ≥ `FEWEST`.
+    """Sensitivity of `objective` (n,) to `parameter` (n,), in any units, n ≥ `MIN_DESIGNS`.
 
     ordered   False: the parameter's values number choices without order
     seed      of the random halves
@@ -175,8 +172,8 @@ def estimate_sensitivity(parameter: Array, objective: Array, *, ordered: bool = 
     share = _explain(parts, ranks)
     direction = None if steps is None else _correlate(steps, ranks)
     generator = np.random.default_rng(seed)
-    shares, directions = np.empty(_HALVES), np.empty(_HALVES)
-    for number in range(_HALVES):
+    shares, directions = np.empty(_RANDOM_HALVES), np.empty(_RANDOM_HALVES)
+    for number in range(_RANDOM_HALVES):
         half = generator.permutation(len(ranks))[: len(ranks) // 2]
         shares[number] = _explain(parts[half], ranks[half])
         directions[number] = 0.0 if steps is None else _correlate(steps[half], ranks[half])
@@ -185,8 +182,8 @@ def estimate_sensitivity(parameter: Array, objective: Array, *, ordered: bool = 
 
 
 def _cut(values: Array) -> NDArray[np.int_]:
-    """Number of the part that each of `values` falls into: equally many designs in each, equal values together."""
-    count = min(round(1.5 * len(values) ** 0.5), _PARTS)
+    """Bin index of each of `values`: equal counts, equal values in one bin."""
+    count = min(round(1.5 * len(values) ** 0.5), _MAX_BINS)
     if len(np.unique(values)) <= count:
         return np.unique(values, return_inverse=True)[1]
     edges = np.unique(np.quantile(values, np.arange(1, count) / count))
@@ -194,7 +191,7 @@ def _cut(values: Array) -> NDArray[np.int_]:
 
 
 def _explain(parts: NDArray[np.int_], ranks: Array) -> float:
-    """ε²: 1 less the mean square within parts over the mean square of all."""
+    """ε²: 1 minus the ratio of the mean square within bins to the total mean square."""
     count = np.bincount(parts)
     total = np.bincount(parts, ranks)
     used = int((count > 0).sum())

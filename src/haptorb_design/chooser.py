@@ -1,4 +1,4 @@
-"""The chooser: a page on one port, and for the design that is chosen a simulated servo with the console on another.
+"""Chooser: a page of designs; the chosen one runs on a simulated servo with a console of its own.
 
 The servo starts and ends in the thread that calls `serve`, as `haptorb run` has it; a thread of its own answers the
 chooser's page. Every device starts with its coils off: engage them in the console.
@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
-from typing import Any, Protocol, Self, final
+from typing import Any, Self, final
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -31,28 +31,20 @@ from haptorb_design.evaluate import find_base
 from haptorb_design.problem import build_device
 from haptorb_design.results_table import ResultsTable
 
-__all__ = ["BASE", "PORT", "Chooser", "Selection", "StoppableServo", "application"]
+__all__ = ["BASE", "PORT", "Chooser", "Selection", "application"]
 
 
 # --------------------------------------------------------------------------------------------------
-# What pages want to feel, and what runs: written by the server's thread and by the one that has the servo.
+# Selection: shared by the page server's thread and the thread that runs the servo.
 
 
-BASE = -1  #: the row that stands for the base device
-_NONE = -2  #: no row
-
-
-class StoppableServo(Protocol):
-    """A servo as far as a page of the chooser may command it."""
-
-    def stop(self) -> None:
-        """Coils off within a tick, and off until they are engaged."""
-        ...
+BASE = -1  #: row number of the base device
+_NO_ROW = -2  #: no row
 
 
 @final
 class Selection:
-    """The design that is wanted, and the one that runs. Its methods may be called in any thread.
+    """The requested design and the running one. Its methods may be called from any thread.
 
     count   of the rows that can be chosen
     """
@@ -61,12 +53,12 @@ class Selection:
         self._count = count
         self._lock = threading.Lock()
         self._asked = threading.Event()
-        self._wanted = self._row = _NONE
+        self._wanted = self._row = _NO_ROW
         self._state, self._url, self._text = "none", "", ""
-        self._servo: StoppableServo | None = None
+        self._servo: Servo | None = None
 
     def choose(self, row: Any) -> None:
-        """A page wants the design in `row`, or the base device.
+        """Request the design in `row`, or the base device.
 
         InputError if there is none such, or while another starts. The coils of the device that runs go off at once.
         """
@@ -82,18 +74,18 @@ class Selection:
         self._asked.set()
 
     def stop(self) -> None:
-        """Coils off, and off until they are engaged in the console."""
+        """Coils off, until they are engaged in the console."""
         with self._lock:
             if self._servo is not None:
                 self._servo.stop()
 
     @property
     def pending(self) -> bool:
-        """Whether a page wants another design than what runs."""
+        """Whether another design is requested than the running one."""
         return self._asked.is_set()
 
     def wait(self, seconds: float) -> int | None:
-        """The row that is wanted, once; None if nothing was within `seconds`."""
+        """The requested row, once; None if there is none within `seconds`."""
         if not self._asked.wait(seconds):
             return None
         with self._lock:
@@ -101,27 +93,27 @@ class Selection:
             return self._wanted
 
     def report(self, text: str) -> None:
-        """What takes long in starting the device."""
+        """Progress of the start of a device."""
         with self._lock:
             self._text = text
 
-    def set_running(self, servo: StoppableServo, url: str) -> None:
-        """The wanted device runs, and `url` is its console."""
+    def set_running(self, servo: Servo, url: str) -> None:
+        """The requested device runs, and `url` is its console."""
         with self._lock:
             self._servo, self._state, self._url, self._text = servo, "running", url, ""
 
     def set_refused(self, text: str) -> None:
-        """The wanted device cannot run, or runs no more, because of `text`."""
+        """The requested device cannot run, or has ended, because of `text`."""
         with self._lock:
             self._servo, self._state, self._url, self._text = None, "refused", "", text
 
     def set_ended(self) -> None:
-        """The device ends: there is nothing left to stop."""
+        """The device ends: nothing is left to stop."""
         with self._lock:
             self._servo = None
 
     def describe(self) -> dict[str, Any]:
-        """What a page shows, as plain JSON types."""
+        """State for the page, as plain JSON types."""
         with self._lock:
             return {
                 "state": self._state, "row": max(self._row, BASE), "base": self._row == BASE, "url": self._url,
@@ -130,11 +122,11 @@ class Selection:
 
 
 # --------------------------------------------------------------------------------------------------
-# The chooser as an ASGI application: one page, the designs, which one is wanted, and what runs.
+# The chooser as an ASGI application: one page, the designs, and the selection.
 
 
 _STATIC = Path(__file__).parent / "static"
-_LONGEST = 1000  #: of what a page asks for [bytes]
+_MAX_REQUEST_BYTES = 1000  #: maximum size of a request [bytes]
 
 
 def application(designs: Mapping[str, Any], selection: Selection) -> Starlette:
@@ -187,12 +179,12 @@ def application(designs: Mapping[str, Any], selection: Selection) -> Starlette:
 
 
 async def _read_row(request: Request) -> Any:
-    """What a page asks for; InputError for anything but a small JSON object."""
+    """Parse a page's request; InputError for anything but a small JSON object."""
     body = b""
     async for part in request.stream():
         body += part
-        if len(body) > _LONGEST:
-            raise InputError(f"a choice must have at most {_LONGEST} bytes")
+        if len(body) > _MAX_REQUEST_BYTES:
+            raise InputError(f"a choice must have at most {_MAX_REQUEST_BYTES} bytes")
     try:
         asked = json.loads(body)
     except (ValueError, RecursionError) as cause:
@@ -202,13 +194,13 @@ async def _read_row(request: Request) -> Any:
     return asked.get("row")
 
 
-PORT = 8764  #: default; the console's, the study's and the viewer's are others
-_LOOK = 0.1  #: between two looks whether to end [s]
+PORT = 8764  #: default; console, study and viewer have others
+_POLL_INTERVAL_S = 0.1  #: polling interval for the end [s]
 
 
 @final
 class Chooser:
-    """A page at `url` that shows the designs of `table` and starts the one that is chosen.
+    """A page at `url` with the designs of `table`, which starts the chosen one.
 
         with Chooser(ResultsTable.of(read_results("results.sqlite"))) as chooser:
             print(chooser.url)
@@ -238,7 +230,7 @@ class Chooser:
     def serve(
         self, *, open_browser: bool = False, say: Callable[[str], None] = lambda text: None, until: float | None = None
     ) -> int | None:
-        """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
+        """Serve until `close`, SIGINT or SIGTERM (returns the signal's number), or for `until` seconds.
 
         `say` is called for every device that starts, or cannot. Signals are received only in the main thread.
         """
@@ -253,7 +245,7 @@ class Chooser:
         try:
             with signals(_raise_end):
                 while not over():
-                    row = self.selection.wait(_LOOK)
+                    row = self.selection.wait(_POLL_INTERVAL_S)
                     number = None if row is None else self._feel(row, over, say)
                     if number is not None:
                         return number
@@ -262,7 +254,7 @@ class Chooser:
         return None
 
     def _feel(self, row: int, over: Callable[[], bool], say: Callable[[str], None]) -> int | None:
-        """Run the device of `row` until another is wanted; the number of a signal that ended it, or None."""
+        """Run the device of `row` until another is requested; the number of a signal that ended it, or None."""
         name = find_base(self._table.design).name if row == BASE else self._table.name(row)
         try:
             servo = Servo(self._build(row), record=False)
@@ -282,7 +274,7 @@ class Chooser:
             return None
 
     def _build(self, row: int) -> Device:
-        """The device of `row`, with the tables that its servo needs."""
+        """Build the device of `row`, with the tables that its servo needs."""
         design = self._table.design
         if row == BASE:
             device = find_base(design)
@@ -301,7 +293,7 @@ class Chooser:
         asyncio.run(self._server.serve(sockets=[self._socket]))
 
     def close(self) -> None:
-        """End `serve`; may be called from any thread, and twice."""
+        """End `serve`; may be called from any thread, repeatedly."""
         self._closed.set()
 
     def __enter__(self) -> Self:
@@ -316,7 +308,7 @@ class Chooser:
 
 
 class _End(BaseException):
-    """A signal, on its way through `with` blocks that switch the coils off."""
+    """A signal as an exception, so that `with` blocks switch the coils off."""
 
     def __init__(self, number: int) -> None:
         self.number = number

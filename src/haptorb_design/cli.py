@@ -1,4 +1,4 @@
-"""`haptorb design sweep | optimise | report | show`, joined."""
+"""Commands `haptorb design sweep | optimise | report | show`."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ __all__ = [
     "SchedulerOption",
     "SeedOption",
     "end_run",
-    "keep_run",
     "list_design_sections",
     "open_run",
     "optimise",
     "register",
     "report",
     "show",
+    "store_run",
     "sweep",
 ]
 
 
 # --------------------------------------------------------------------------------------------------
-# What several commands of a design take, and how a run ends.
+# Options shared by several commands, and the end of a run.
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Design file (TOML).")]
@@ -69,7 +69,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 def open_run(
     into: str, design: Design, method: str, seed: int, settings: Mapping[str, Any], limit: float
 ) -> Iterator[ResultsWriter]:
-    """The run in the results `into`; says so where the base device's numbers, each at most `limit` [s], take long."""
+    """Open the run in the results `into`; announces a long computation of the base device (`limit` [s] a quantity)."""
     from haptorb_design.store import open_results
 
     with ExitStack() as stack:
@@ -78,12 +78,12 @@ def open_run(
         yield writer
 
 
-def keep_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int, into: str) -> Tally:
-    """Store a run of at most `total` candidates with a bar. After ^C: what is stored, and exit code 130."""
-    from haptorb_design.results_table import keep_candidates
+def store_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int, into: str) -> Tally:
+    """Store a run of at most `total` candidates with a progress bar. ^C: report what is stored, exit code 130."""
+    from haptorb_design.results_table import store_candidates
 
     with _explain_interrupt(writer, total, into):
-        return keep_candidates(writer, found, design, total)
+        return store_candidates(writer, found, design, total)
 
 
 def end_run(tally: Tally, into: str, json: bool) -> None:
@@ -118,10 +118,10 @@ def _explain_interrupt(writer: ResultsWriter, total: int, into: str) -> Iterator
 
 
 # --------------------------------------------------------------------------------------------------
-# Search for the best designs: an optimiser that learns from what it has tried.
+# Optimisation.
 
 
-_GENERATIONS = 20  #: unless something else is asked for
+_DEFAULT_GENERATIONS = 20  #: default
 
 
 def optimise(
@@ -129,7 +129,7 @@ def optimise(
     into: IntoOption = "results.sqlite",
     generations: Annotated[
         int | None,
-        typer.Option(help=f"Number of generations (default: {_GENERATIONS}). A larger number continues a run."),
+        typer.Option(help=f"Number of generations (default: {_DEFAULT_GENERATIONS}). A larger number continues a run."),
     ] = None,
     evaluations: Annotated[
         int | None, typer.Option(help="Number of designs, instead of generations. A larger number continues a run.")
@@ -159,22 +159,22 @@ def optimise(
         open_workers(design, processes, scheduler, time_limit) as workers,
     ):
         found = evaluate_generations(optimiser, workers.evaluate, writer.list_known(), total)
-        tally = keep_run(writer, found, design, total, into)
+        tally = store_run(writer, found, design, total, into)
     end_run(tally, into, json)
 
 
 def _count_designs(generations: int | None, evaluations: int | None, population: int) -> int:
-    """How many designs a run has."""
+    """Number of designs of a run."""
     if generations is not None and evaluations is not None:
         raise InputError("give either --generations or --evaluations")
     for name, value in (("generations", generations), ("evaluations", evaluations)):
         if value is not None and value < 1:
             raise InputError(f"--{name} must be 1 or more; got {value}")
-    return evaluations or (generations or _GENERATIONS) * population
+    return evaluations or (generations or _DEFAULT_GENERATIONS) * population
 
 
 # --------------------------------------------------------------------------------------------------
-# Write the report of a results file, and its best designs as device files.
+# Report, and device files of the best designs.
 
 
 def report(
@@ -204,7 +204,7 @@ def report(
 
 
 # --------------------------------------------------------------------------------------------------
-# Show the designs of a results file in the browser, and run the device of one with the console.
+# Chooser in the browser.
 
 
 def show(
@@ -236,7 +236,7 @@ def show(
 
 
 # --------------------------------------------------------------------------------------------------
-# Try many designs: a grid, a Latin hypercube, or a Sobol sequence.
+# Sweep: grid, Latin hypercube, or Sobol sequence.
 
 
 def sweep(
@@ -264,12 +264,12 @@ def sweep(
         open_workers(design, processes, scheduler, time_limit) as workers,
     ):
         found = evaluate_sample(values, workers.evaluate, writer.list_known())
-        tally = keep_run(writer, found, design, len(values), into)
+        tally = store_run(writer, found, design, len(values), into)
     end_run(tally, into, json)
 
 
 def list_design_sections() -> list[KeySection]:
-    """The keys of a design file, and the quantities that its objectives and constraints name."""
+    """The keys of a design file, and the quantities for its objectives and constraints."""
     from haptorb.devices.schema import KeyText, list_keys
     from haptorb_design.design_file import DeviceDesignFile
     from haptorb_design.objectives import quantity, quantity_names

@@ -1,4 +1,4 @@
-"""From a design file to a Design: read, checked as a whole against its base device, every mistake named."""
+"""Design file (TOML): parsed, validated against its base device with every mistake reported, made into a Design."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What a design file may say, table by table.
+# Tables of a design file.
 
 
 def _check_number(value: Any) -> Any:
@@ -72,7 +72,7 @@ Word = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 
 
 class PlaceSection(Section):
-    """One of `places`, written as a table."""
+    """An entry of `places`, written as a table."""
 
     key: Annotated[str, m.Meaning("dotted key of the device file; entries of lists count from 1")]
     factor: Annotated[float, Field(allow_inf_nan=False), m.Meaning("factor for the value")] = 1.0
@@ -182,7 +182,7 @@ class DeviceDesignFile(Section):
 
 
 # --------------------------------------------------------------------------------------------------
-# Numbers of a design file: ranges with a unit, places, and bounds in the unit of their quantity.
+# Values of a design file: ranges with a unit, places, and bounds in the unit of their quantity.
 
 
 _FILE_VALUES_NUMBER = re.compile(r"\s*([+-]?(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*")
@@ -191,7 +191,7 @@ _BASE = re.compile(r"\s*(?:(\d+\.?\d*|\.\d+)\s*\*?\s*)?base\s*")
 
 
 def read_number(value: str | float, unit: str | None = None) -> tuple[float, str]:
-    """The number and its unit, or the number in `unit` if that is given; ValueError for another.
+    """Parse a number with its unit, or convert it to `unit` if that is given; ValueError for another unit.
 
     >>> read_number("18 deg"), read_number("1 cm", "mm")
     ((18.0, 'deg'), (10.0, 'mm'))
@@ -216,7 +216,7 @@ def read_number(value: str | float, unit: str | None = None) -> tuple[float, str
 
 
 def make_parameter(name: str, section: ParameterSection) -> DesignParameter:
-    """The parameter that [parameters.NAME] describes; InputError that names the key."""
+    """The parameter of [parameters.NAME]; InputError names the key."""
     where = f"parameters.{name}"
     unit, low, high, step = "", 0.0, 0.0, 0.0
     if section.choices is None:
@@ -238,7 +238,7 @@ def make_parameter(name: str, section: ParameterSection) -> DesignParameter:
 
 
 def read_bound(value: str | float, unit: str, where: str, base: float | None) -> float:
-    """A bound in the `unit` of its quantity; "0.9 base" is that much of the `base` device's own number."""
+    """A bound in the `unit` of its quantity; "0.9 base" is that share of the `base` device's value."""
     match = _BASE.fullmatch(value) if isinstance(value, str) else None
     if match is not None:
         if base is None:
@@ -258,7 +258,7 @@ def read_bound(value: str | float, unit: str, where: str, base: float | None) ->
 
 
 def is_base_share(value: str | float | None) -> bool:
-    """Whether the bound `value` is a share of the base device's number."""
+    """Whether the bound `value` is relative to the base device."""
     return isinstance(value, str) and _BASE.fullmatch(value) is not None
 
 
@@ -295,14 +295,14 @@ def _label(choices: list[Any] | Mapping[str, Any] | None, where: str) -> tuple[t
 
 
 # --------------------------------------------------------------------------------------------------
-# A user's own objective: `mine.py:cost`, a function of a candidate that returns a number. Its code travels along.
+# A user's own objective `mine.py:cost`: a function of a candidate that returns a number, sent along with its code.
 
 
 _modules: dict[Path, tuple[str, ModuleType]] = {}
 
 
 def split_function(text: str, folder: Path) -> tuple[Path, str]:
-    """File and name in "file.py:name"; a relative path starts at `folder`. InputError for anything else.
+    """Split "file.py:name"; a relative path starts at `folder`. InputError for anything else.
 
     >>> split_function("mine.py:cost", Path("/designs"))
     (PosixPath('/designs/mine.py'), 'cost')
@@ -316,7 +316,7 @@ def split_function(text: str, folder: Path) -> tuple[Path, str]:
 def load_function(
     text: str, folder: Path, announce: Callable[[Path, str], None] = lambda path, name: None
 ) -> tuple[Callable[..., Any], str]:
-    """The function that "file.py:name" names, and the text of its file and of what that imports from beside it.
+    """The function "file.py:name", and the text of its file and of the files beside it that it imports.
 
     The file is run once; `announce` receives it, and the name, before that. Raises InputError, with file and line, if
     it cannot be read or fails, UnknownName if it has no such function.
@@ -340,7 +340,7 @@ def load_function(
 
 
 def _send_along(*modules: ModuleType) -> None:
-    """Other processes and machines need not have the files of `modules`."""
+    """Pickle the code of `modules` by value, since other processes and machines may not have their files."""
     import cloudpickle
 
     for module in modules:
@@ -351,11 +351,11 @@ def _run(path: Path, source: str) -> ModuleType:
     module = ModuleType(f"haptorb_objective_{path.stem}")
     module.__file__ = str(path)
     if str(path.parent) not in sys.path:
-        sys.path.append(str(path.parent))  # for modules beside it; last, so that they hide nothing
-    sys.modules[module.__name__] = module  # dataclasses look for it there
+        sys.path.append(str(path.parent))  # for modules beside it; last, so that they shadow nothing
+    sys.modules[module.__name__] = module  # dataclasses look it up there
     try:
         exec(compile(source, str(path), "exec"), module.__dict__)
-    except BaseException as cause:  # the user's code: also sys.exit
+    except BaseException as cause:  # the user's code may also call sys.exit
         if isinstance(cause, KeyboardInterrupt):
             raise
         frames = [one for one in traceback.extract_tb(cause.__traceback__) if one.filename == str(path)]
@@ -477,7 +477,7 @@ def _build(file: DeviceDesignFile, text: str, folder: Path, announce: Announce) 
 
 
 def _collect(mistakes: list[str], make: Any, *arguments: Any) -> Any:
-    """What `make` returns; None, with the mistake kept, if it raises."""
+    """Result of `make`; None, with the mistake recorded, if it raises."""
     try:
         return make(*arguments)
     except HaptorbError as cause:
@@ -496,7 +496,7 @@ def _find_quantity(
     where: str, name: str, section: GoalSection | BoundSection, kind: str, folder: Path, codes: dict[str, str],
     announce: Announce,
 ) -> DesignQuantity:  # fmt: skip
-    """haptorb's own quantity, or one made of the user's function, whose code goes into `codes`."""
+    """haptorb's own quantity, or one from the user's function, whose code is added to `codes`."""
     try:
         if section.function is not None:
             function, source = load_function(section.function, folder, announce)
@@ -532,7 +532,7 @@ def _make_bound(design: Design, name: str, section: BoundSection, quantity: Desi
 
 
 def _list_mistakes(design: Design) -> list[str]:
-    """Keys that the base device has not, or that two parameters write, and values that a key does not take."""
+    """Mistakes of the parameters: unknown keys, keys written twice, and invalid values."""
     mistakes: list[str] = []
     writers: dict[str, str] = {}
     for parameter in design.parameters:
@@ -558,13 +558,13 @@ def _list_mistakes(design: Design) -> list[str]:
 
 
 def _list_earlier(design: Design, parameter: DesignParameter) -> tuple[DesignParameter, ...]:
-    """Those before `parameter` that write whole lists or tables, into which it may write."""
+    """Parameters before `parameter` that write whole lists or tables, into which it may write."""
     before = design.parameters[: design.parameters.index(parameter)]
     return tuple(one for one in before if one.choices and isinstance(one.choices[0][1], list | dict))
 
 
 def _make_tables(design: Design, parameter: DesignParameter) -> DeviceTables:
-    """What `parameter` writes into: the base device's tables, with the first choice of those before it."""
+    """Tables that `parameter` writes into: the base device's, with the first choice of earlier parameters."""
     earlier = _list_earlier(design, parameter)
     if not earlier:
         return design.base_tables
@@ -574,7 +574,7 @@ def _make_tables(design: Design, parameter: DesignParameter) -> DeviceTables:
 
 
 def _try_value(design: Design, parameter: DesignParameter, label: str, value: Value) -> list[str]:
-    """What the base device's file has against this one value at its own places; what it says elsewhere is for a run."""
+    """Mistakes of the base device's file with this one value; those at other places are found by a run."""
     earlier = _list_earlier(design, parameter)
     values = {**{one.name: one.labels[0] for one in earlier}, parameter.name: value}
     tables = change_tables(replace(design, parameters=(*earlier, parameter)), values)

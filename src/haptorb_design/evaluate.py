@@ -1,4 +1,4 @@
-"""Evaluate one set of values: build the device, check its constraints in order, compute its objectives."""
+"""Evaluation of a candidate: build the device, check constraints in order, compute objectives."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ __all__ = [
 ]
 
 
-DEVICE = "device"  #: `refused_by` of values that make no device
-OBJECTIVE = "objective"  #: `refused_by` of a design that an objective has no finite number for
-_MOST_BASES = 8
+DEVICE = "device"  #: `refused_by` of values that form no valid device
+OBJECTIVE = "objective"  #: `refused_by` of a design for which an objective is not finite
+_MAX_CACHED_BASES = 8
 _bases: dict[str, Device] = {}  # by the text of their files
 
 
 def find_base(design: Design) -> Device:
-    """The base device, made once per process; also one that cannot be built, as a search may mend it."""
+    """The base device, built once per process; it may be invalid, as a search may mend it."""
     tables = design.base_tables
     if tables.text not in _bases:
-        if len(_bases) >= _MOST_BASES:
+        if len(_bases) >= _MAX_CACHED_BASES:
             _bases.clear()
         _bases[tables.text] = build_tables(tables, override=True)
     return _bases[tables.text]
@@ -74,7 +74,7 @@ def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalua
         Objectives and constraints; or, if the values make no device, break a constraint, or a quantity cannot be
         computed, the reason of the rejection.
     """
-    with _find_pools(len(sys.modules)).limit(limits=1):  # results must not depend on how many cores a computer has
+    with _find_pools(len(sys.modules)).limit(limits=1):  # results must not depend on the number of cores
         return _evaluate(design, number, values)
 
 
@@ -93,13 +93,13 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     try:
         candidate = DesignCandidate(build_device(design, values), find_base(design), design.options)
     except BuildError as cause:
-        by, reason = DEVICE, _shorten(_tell_device(cause))
+        by, reason = DEVICE, _shorten(_explain_device(cause))
         if cause.failures:
             worst = max(cause.failures, key=lambda check: check.miss)
             by, reason = f"{BUILD}: {worst.condition}", _shorten(worst.explain())
             constraints[BUILD] = sum(check.miss for check in cause.failures)
     except (HaptorbError, ArithmeticError, ValueError) as cause:
-        by, reason = DEVICE, _shorten(_tell_device(cause))
+        by, reason = DEVICE, _shorten(_explain_device(cause))
     else:
         for bound in design.bounds:
             found, reason = compute_quantity(bound.quantity, candidate)
@@ -122,14 +122,14 @@ def _evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalu
     )  # fmt: skip
 
 
-def _tell_device(cause: Exception) -> str:
+def _explain_device(cause: Exception) -> str:
     """Why the values do not form a device, without the internal name, and without advice for a single file."""
     lines = str(cause).replace("device 'candidate': ", "").splitlines()
     return "\n".join(line for line in lines if not line.endswith("override=True"))
 
 
 def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tuple[float, str]:
-    """The number, and why there is none: one line, empty if it is finite."""
+    """The quantity, and the reason if it has no finite value: one line, else empty."""
     try:
         found = float(quantity.compute(candidate))
     except HaptorbError as cause:
@@ -144,33 +144,33 @@ def compute_quantity(quantity: DesignQuantity, candidate: DesignCandidate) -> tu
 
 
 def _break(bound: Bound, found: float) -> str:
-    """How `found` breaks `bound`; empty if it keeps it, to 1e-9 of the bound: the base device keeps its own values."""
+    """Violation of `bound` by `found` as text; empty within a tolerance of 1e-9, so that the base device is valid."""
     unit = bound.quantity.unit
     for limit, sense, word in ((bound.low, -1.0, "below"), (bound.high, 1.0, "above")):
         if limit is not None and sense * (found - limit) > 1e-9 * abs(limit):
-            return f"{_tell(found, unit)} is {word} {_tell(limit, unit)}"
+            return f"{_format_value(found, unit)} is {word} {_format_value(limit, unit)}"
     return ""
 
 
-def _tell(value: float, unit: str) -> str:
-    """With a prefix and enough digits to distinguish a bound from a value just outside it."""
+def _format_value(value: float, unit: str) -> str:
+    """Format a value with prefix and enough digits to distinguish it from a bound it just violates."""
     return format_quantity(value, unit, 6)
 
 
 def _shorten(text: str) -> str:
-    """One line of at most 300 characters; lines of `text` are separated by semicolons."""
+    """One line of at most 300 characters; lines of `text` are joined by semicolons."""
     line = "; ".join(" ".join(one.split()) for one in text.splitlines() if one.strip())
     return line if len(line) <= 300 else f"{line[:297]}..."
 
 
 # --------------------------------------------------------------------------------------------------
-# The base device's own numbers, beside which candidates are shown.
+# Base device, for comparison with the candidates.
 
 
 def describe_base_forces(design: Design, values: Mapping[str, Value]) -> str:
-    """How the base device's forces are computed, if not as those of the candidate with `values`; empty if alike."""
+    """Model of the base device's forces, if it differs from that of the candidate with `values`; else empty."""
     base, device = find_base(design), build_device(design, values, override=True)
-    if getattr(base, "moments_from", "") == getattr(device, "moments_from", ""):  # only electromagnets have it
+    if getattr(base, "moments_from", "") == getattr(device, "moments_from", ""):  # electromagnets only
         return ""
     return (
         f"forces of {base.name} are scaled to the moments of its file; forces of the designs follow from their "

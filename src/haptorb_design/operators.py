@@ -1,4 +1,4 @@
-"""How pymoo's algorithms make new candidates where some parameters have steps and some are choices without an order.
+"""Genetic operators of pymoo for parameters with steps and unordered choices.
 
 pymoo's own operators for real numbers hardly ever leave a step or a choice: their changes are smaller than it.
 """
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @final
 class MixedCrossover(SBX):  # type: ignore[misc]
-    """Simulated binary crossover of ranges and steps (Deb & Agrawal 1995); of choices, a child takes a parent's."""
+    """Simulated binary crossover of ranges and steps (Deb & Agrawal 1995); choices are inherited from either parent."""
 
     def __init__(self, space: SearchSpace) -> None:
         super().__init__(eta=15, prob=0.9)
@@ -56,7 +56,9 @@ class MixedMutation(PM):  # type: ignore[misc]
         hit = random_state.random(X.shape) < 1.0 / X.shape[1]
         draw = random_state.random(X.shape)
         up = np.where(random_state.random(X.shape) < 0.5, 1.0, -1.0)
-        steps = X + up * np.ceil(-np.log2(1.0 - draw) + 1e-12) / np.maximum(levels - 1, 1)  # 1, 2, 3 …: half as often
+        steps = X + up * np.ceil(-np.log2(1.0 - draw) + 1e-12) / np.maximum(
+            levels - 1, 1
+        )  # 1, 2, 3 …: half as often each
         choices = np.mod(X + (1.0 + np.floor(draw * np.maximum(levels - 1, 1))) / levels, 1.0)
         moved = np.where(space.free, choices, steps)
         return np.where(space.levels > 0, np.where(hit, moved, X), ranges)
@@ -64,7 +66,7 @@ class MixedMutation(PM):  # type: ignore[misc]
 
 @final
 class Snap(Repair):  # type: ignore[misc]
-    """Brings new candidates to the steps and choices."""
+    """Rounds candidates to the steps and choices."""
 
     def __init__(self, space: SearchSpace) -> None:
         super().__init__()
@@ -76,7 +78,7 @@ class Snap(Repair):  # type: ignore[misc]
 
 @final
 class NewOnly(DuplicateElimination):  # type: ignore[misc]
-    """Lets no candidate through that the run had before.
+    """Removes candidates that the run had before.
 
     old  bytes of the points of the run so far; who asks for candidates adds to it
     """
@@ -86,7 +88,7 @@ class NewOnly(DuplicateElimination):  # type: ignore[misc]
         self.old: set[bytes] = set()
 
     def find_old(self, pop: Any) -> NDArray[np.bool_]:
-        """Which of `pop` (n,) the run had before, or are there twice."""
+        """Mask of the candidates in `pop` (n,) that the run had before, or that are duplicates."""
         return self._do(pop, None, np.zeros(len(pop), dtype=bool))
 
     def _do(self, pop: Any, other: Any, is_duplicate: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""The report of a results file: the page, and beside it the best designs as device files."""
+"""Report of a results file: an HTML page, and the best designs as device files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from haptorb.display import format_number
 from haptorb.errors import InputError
 from haptorb.files import open_regular, replace_files
 from haptorb.version import __version__
-from haptorb_design.analysis import FEWEST, RULES, Sensitivity, estimate_sensitivity
+from haptorb_design.analysis import MIN_DESIGNS, RULES, Sensitivity, estimate_sensitivity
 from haptorb_design.evaluate import find_base
 from haptorb_design.problem import build_device, write_device_text
 from haptorb_design.results_table import ResultsColumn, ResultsTable
@@ -30,7 +30,7 @@ from haptorb_design.sampling import METHODS
 from haptorb_design.store import read_results
 
 __all__ = [
-    "MOST",
+    "MAX_BEST_DESIGNS",
     "BestDesign",
     "draw_beside",
     "make_best",
@@ -42,23 +42,23 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A design's device and the base device in section, side by side and to one scale.
+# Section drawings of a design and the base device, side by side to one scale.
 
 
-_SIDE_BY_SIDE_WIDTH, _HEIGHT, _BELOW = 12.0, 10.6, 0.9  #: of the figure, and of its legend [inch]
-_DOTS = 90  #: per inch
+_FIGURE_WIDTH_IN, _FIGURE_HEIGHT_IN, _LEGEND_HEIGHT_IN = 12.0, 10.6, 0.9  #: of the figure, and of its legend [inch]
+_FIGURE_DPI = 90  #: resolution [dots per inch]
 
 
 def draw_beside(device: Device, base: Device) -> bytes:
-    """A PNG picture: sections above, views in three dimensions below, `device` at the left and `base` at the right.
+    """PNG image: sections above, views in three dimensions below, `device` on the left, `base` on the right.
 
     One millimetre is as long in both. InputError for a kind of device without geometry.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(_SIDE_BY_SIDE_WIDTH, _HEIGHT))
+    figure = Figure(figsize=(_FIGURE_WIDTH_IN, _FIGURE_HEIGHT_IN))
     places = figure.add_gridspec(
-        2, 2, left=0.06, right=0.98, top=0.95, bottom=_BELOW / _HEIGHT, wspace=0.14, hspace=0.16
+        2, 2, left=0.06, right=0.98, top=0.95, bottom=_LEGEND_HEIGHT_IN / _FIGURE_HEIGHT_IN, wspace=0.14, hspace=0.16
     )
     sections: list[Any] = []
     spaces: list[Any] = []
@@ -79,12 +79,12 @@ def draw_beside(device: Device, base: Device) -> bytes:
         space.set_box_aspect([high - low for low, high in (space.get_xlim(), space.get_ylim(), space.get_zlim())])
     figure.legend(list(entries.values()), list(entries), loc="lower center", ncols=5, fontsize=8, frameon=False)
     file = BytesIO()
-    figure.savefig(file, format="png", dpi=_DOTS)
+    figure.savefig(file, format="png", dpi=_FIGURE_DPI)
     return file.getvalue()
 
 
 def _unite(axes: list[Any], limits: tuple[str, ...]) -> None:
-    """The same limits for all `axes`: those that hold everything."""
+    """Set the same limits for all `axes`, containing all contents."""
     for limit in limits:
         ends = [getattr(one, f"get_{limit}")() for one in axes]
         whole = min(low for low, _ in ends), max(high for _, high in ends)
@@ -93,15 +93,15 @@ def _unite(axes: list[Any], limits: tuple[str, ...]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# One of the designs that were picked, as the report shows it: device file, device, card and drawing.
+# A picked design as shown in the report: device file, device, card and drawing.
 
 
-_BEST_DESIGN_WIDTH = 110  #: characters of a line of a card
+_CARD_COLUMNS = 110  #: characters of a card's line
 
 
 @dataclass(frozen=True)
 class BestDesign:
-    """A design with what is made of it.
+    """A design with its device, card and drawing.
 
     row      of the results table
     text     the device file, for `haptorb run` and every other command
@@ -118,7 +118,7 @@ class BestDesign:
 
 
 def make_best(table: ResultsTable, row: int, reason: str) -> BestDesign:
-    """Everything that the report says of the design in `row`; a motor's tables are computed for its card."""
+    """Everything that the report shows of the design in `row`; a motor's tables are computed for its card."""
     _, found = table.found[row]
     name = table.name(row)
     device = build_device(table.design, found.values, name, override=True)
@@ -133,13 +133,13 @@ def make_best(table: ResultsTable, row: int, reason: str) -> BestDesign:
 def _print_card(device: Device) -> str:
     try:
         build_tables(device)
-        return card(device).render_text(_BEST_DESIGN_WIDTH)
+        return card(device).render_text(_CARD_COLUMNS)
     except InputError as cause:
         return f"no card: {cause}"
 
 
 # --------------------------------------------------------------------------------------------------
-# The designs that were picked: how, what they change, and each with its device file, drawing and card.
+# Section on the picked designs: rule, changes, and each with device file, drawing and card.
 
 
 def make_best_section(table: ResultsTable, best: Sequence[BestDesign]) -> str:
@@ -179,7 +179,8 @@ def _make_one(table: ResultsTable, number: int, one: BestDesign) -> str:
 def _make_numbers(table: ResultsTable, row: int) -> str:
     lines = "".join(
         f"<tr><th scope='row'>{escape(one.title)}{f' [{escape(one.unit)}]' if one.unit else ''}</th>"
-        f"<td class='n'>{_tell(one, float(one.values[row]))}</td><td class='n'>{_tell(one, one.base)}</td>"
+        f"<td class='n'>{_format_value(one, float(one.values[row]))}</td>"
+        f"<td class='n'>{_format_value(one, one.base)}</td>"
         f"<td class='n'>{_compare(one, row)}</td></tr>"
         for kind in ("objective", "parameter", "constraint")
         for one in table.select(kind)
@@ -193,29 +194,29 @@ def _make_numbers(table: ResultsTable, row: int) -> str:
     )
 
 
-def _tell(column: ResultsColumn, value: float) -> str:
+def _format_value(column: ResultsColumn, value: float) -> str:
     if value != value:
         return "–"
     return escape(column.labels[int(value)] if column.labels else format_number(value, 4).replace("-", "−"))
 
 
 def _compare(column: ResultsColumn, row: int) -> str:
-    """Of an objective: how it stands to the base device's."""
+    """An objective relative to the base device's, as text."""
     if column.kind != "objective" or not column.base * column.values[row] > 0:
         return ""
     return f"{column.values[row] / column.base:.3g}"
 
 
 def _encode_data(content: bytes, kind: str) -> str:
-    """`content` of media type `kind` as an address that holds it."""
+    """`content` of media type `kind` as a data URL."""
     return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
 
 
 # --------------------------------------------------------------------------------------------------
-# What each parameter does to each objective, as tables with bars; nothing of it needs a script.
+# Section on sensitivities: tables with bars, without scripts.
 
 
-_WIDE, _HIGH = 240, 22  #: of a bar's picture [px]
+_BAR_WIDTH_PX, _BAR_HEIGHT_PX = 240, 22  #: of a bar's picture [px]
 
 _LEAD = (
     "Share: of the variance of the objective (of its ranks), the part that this parameter alone explains; what the "
@@ -227,10 +228,10 @@ _LEAD = (
 
 
 def make_sensitivity_section(table: ResultsTable) -> str:
-    """HTML: one table for each objective, and what it was estimated from."""
+    """HTML: one table per objective, and the designs it was estimated from."""
     rows, source = _choose_rows(table)
     head = f"<p class='soft'>{escape(_LEAD)}</p><p>{escape(source)}</p>"
-    if rows.size < FEWEST:
+    if rows.size < MIN_DESIGNS:
         return head
     tables = (
         _make_table(objective, [(one, _estimate(one, objective, rows)) for one in table.select("parameter")])
@@ -240,20 +241,20 @@ def make_sensitivity_section(table: ResultsTable) -> str:
 
 
 def _choose_rows(table: ResultsTable) -> tuple[NDArray[np.int_], str]:
-    """Rows that are looked at, and a sentence on them: the sweeps', where there are enough."""
+    """Rows used, and a sentence on them: those of sweeps, if there are enough."""
     every = np.arange(len(table.found))
     swept = np.array([run.method in METHODS for run, _ in table.found], dtype=bool)
-    if swept.sum() >= FEWEST:
+    if swept.sum() >= MIN_DESIGNS:
         others = (
             "" if swept.all() else "; those of the optimiser, which are concentrated where it searched, are left out"
         )
         return every[swept], f"From the {swept.sum()} valid designs of sweeps{others}."
-    if every.size >= FEWEST:
+    if every.size >= MIN_DESIGNS:
         return every, (
             f"From all {every.size} valid designs. An optimiser chose them, so they are concentrated where it "
             "searched and the numbers are rough. A sweep into the same file gives better ones."
         )
-    return every, f"{every.size} valid designs are not enough: at least {FEWEST} are needed. Compute more."
+    return every, f"{every.size} valid designs are not enough: at least {MIN_DESIGNS} are needed. Compute more."
 
 
 def _estimate(parameter: ResultsColumn, objective: ResultsColumn, rows: NDArray[np.int_]) -> Sensitivity:
@@ -265,7 +266,7 @@ def _make_table(objective: ResultsColumn, found: list[tuple[ResultsColumn, Sensi
     lines = "".join(
         f"<tr><th scope='row'>{escape(parameter.title)}</th><td>{_draw_bar(one)}</td>"
         f"<td class='n'>{one.share:.0%} <small class='soft'>[{one.share_interval[0]:.0%}, "
-        f"{one.share_interval[1]:.0%}]</small></td><td class='n'>{_tell_direction(one)}</td></tr>"
+        f"{one.share_interval[1]:.0%}]</small></td><td class='n'>{_format_direction(one)}</td></tr>"
         for parameter, one in found
     )
     together = sum(one.share for _, one in found)
@@ -278,7 +279,7 @@ def _make_table(objective: ResultsColumn, found: list[tuple[ResultsColumn, Sensi
     )
 
 
-def _tell_direction(one: Sensitivity) -> str:
+def _format_direction(one: Sensitivity) -> str:
     if one.direction is None or one.direction_interval is None:
         return "<span class='soft'>a choice</span>"
     low, high = one.direction_interval
@@ -287,37 +288,38 @@ def _tell_direction(one: Sensitivity) -> str:
 
 
 def _draw_bar(one: Sensitivity) -> str:
-    low, high = (share * _WIDE for share in one.share_interval)
-    middle = _HIGH / 2
+    low, high = (share * _BAR_WIDTH_PX for share in one.share_interval)
+    middle = _BAR_HEIGHT_PX / 2
     return (
-        f"<svg class='bar' viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>"
-        f"<line class='scale' x1='0' x2='{_WIDE}' y1='{_HIGH - 1}' y2='{_HIGH - 1}'/>"
-        f"<rect x='0' y='5' width='{one.share * _WIDE:.1f}' height='{_HIGH - 10}'/>"
+        f"<svg class='bar' viewBox='0 0 {_BAR_WIDTH_PX} {_BAR_HEIGHT_PX}' preserveAspectRatio='none' "
+        "aria-hidden='true'>"
+        f"<line class='scale' x1='0' x2='{_BAR_WIDTH_PX}' y1='{_BAR_HEIGHT_PX - 1}' y2='{_BAR_HEIGHT_PX - 1}'/>"
+        f"<rect x='0' y='5' width='{one.share * _BAR_WIDTH_PX:.1f}' height='{_BAR_HEIGHT_PX - 10}'/>"
         f"<line x1='{low:.1f}' x2='{high:.1f}' y1='{middle}' y2='{middle}'/>"
-        f"<line x1='{low:.1f}' x2='{low:.1f}' y1='6' y2='{_HIGH - 6}'/>"
-        f"<line x1='{high:.1f}' x2='{high:.1f}' y1='6' y2='{_HIGH - 6}'/></svg>"
+        f"<line x1='{low:.1f}' x2='{low:.1f}' y1='6' y2='{_BAR_HEIGHT_PX - 6}'/>"
+        f"<line x1='{high:.1f}' x2='{high:.1f}' y1='6' y2='{_BAR_HEIGHT_PX - 6}'/></svg>"
     )
 
 
 # --------------------------------------------------------------------------------------------------
-# The page of `haptorb design report`: one file that fetches nothing.
+# Page of `haptorb design report`: one self-contained file.
 
 
-#: where the build hook puts script and style
+#: output of the web build: script and style
 _STATIC = Path(__file__).parent / "static"
-#: nothing from elsewhere is ever loaded
+#: no external content is ever loaded
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 
 def make_page(table: ResultsTable, best: Sequence[BestDesign]) -> str:
-    """The page as text. InputError if script and style have not been built."""
+    """The page as HTML. InputError if script and style have not been built."""
     script, style = (_read_static(name) for name in ("report.js", "report.css"))
     title = escape(table.design.title)
     several = len(table.select("objective")) > 1
     sections = [
         ("front", "Pareto front" if several else "Designs", _make_front(table, several)),
-        ("lines", "Parallel coordinates", _LINES if table.found else _NONE),
-        ("sensitivity", "Sensitivity", make_sensitivity_section(table) if table.found else _NONE),
+        ("lines", "Parallel coordinates", _LINES if table.found else _NO_VALID_DESIGN),
+        ("sensitivity", "Sensitivity", make_sensitivity_section(table) if table.found else _NO_VALID_DESIGN),
         ("best", f"The {len(best)} best" if len(best) > 1 else "The best", make_best_section(table, best)),
         ("rejected", "Rejected designs", _make_refusals(table)),
         ("origin", "Design file and runs", _make_origin(table)),
@@ -342,12 +344,12 @@ _LINES = (
     "<p class='soft'>One line per valid design; designs on the Pareto front are coloured, the selected one is "
     "thick. A line that leaves the visible range of an axis continues along its end.</p><div id='parallel'></div>"
 )
-_NONE = "<p>There is no valid design.</p>"
+_NO_VALID_DESIGN = "<p>There is no valid design.</p>"
 
 
 def _make_front(table: ResultsTable, several: bool) -> str:
     if not table.found:
-        return _NONE
+        return _NO_VALID_DESIGN
     caption = (
         "Every point is a valid design. The larger points are the Pareto front: no design is better in one objective "
         "without being worse in another."
@@ -416,7 +418,7 @@ def _make_origin(table: ResultsTable) -> str:
 
 
 def _encode(table: ResultsTable) -> str:
-    """JSON that cannot end the element that it stands in."""
+    """JSON that is safe within a script element."""
     return json.dumps(table.describe(), separators=(",", ":")).replace("<", "\\u003c")
 
 
@@ -429,8 +431,8 @@ def _read_static(name: str) -> str:
         ) from cause
 
 
-MOST = 20  #: best designs of a report
-_OURS = "# Found by design '"  #: what a device file of a report begins with
+MAX_BEST_DESIGNS = 20  #: best designs in a report at most
+_DEVICE_FILE_HEADER = "# Found by design '"  #: first line of a report's device file
 
 
 def write_report(
@@ -440,7 +442,7 @@ def write_report(
     *,
     count: int = 5,
 ) -> list[Path]:
-    """Write the report of `results`, a file or database, to the HTML file `output`; the paths of all files written.
+    """Write the report of `results`, a file or database, to the HTML file `output`; returns all paths written.
 
     The `count` best designs are written beside it, as NAME.toml for `haptorb run`; all files or none. `report` is
     called with what is done now, how many steps were done, and of how many.
@@ -448,8 +450,8 @@ def write_report(
     Raises RecordingError for results that cannot be read, InputError for an output that cannot be written: a device
     file from elsewhere stays.
     """
-    if not 1 <= count <= MOST:
-        raise InputError(f"the number of best designs must be from 1 to {MOST}; got {count}")
+    if not 1 <= count <= MAX_BEST_DESIGNS:
+        raise InputError(f"the number of best designs must be from 1 to {MAX_BEST_DESIGNS}; got {count}")
     page = Path(output).expanduser()
     if not page.absolute().parent.is_dir():
         raise InputError(f"{page}: there is no folder {page.parent}; create it first")
@@ -476,12 +478,12 @@ def write_report(
 
 
 def _check_device_file(path: Path) -> None:
-    """InputError if something else than an earlier report's device file is at `path`."""
+    """Raise InputError if the file at `path` is not a device file of an earlier report."""
     try:
         if not path.exists():
             return
         with open_regular(path, "device file", InputError) as file:
-            ours = file.read(len(_OURS.encode())) == _OURS.encode()
+            ours = file.read(len(_DEVICE_FILE_HEADER.encode())) == _DEVICE_FILE_HEADER.encode()
     except (OSError, InputError) as cause:
         raise InputError(f"{path} cannot be replaced: {cause}; choose another --output") from cause
     if not ours:

@@ -1,4 +1,4 @@
-"""The valid designs of a results file as columns in the units that people read, with front, picks and base device."""
+"""Table of the valid designs of a results file in display units, with Pareto front, picks and base device."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from haptorb_design.search_space import measure_miss
 from haptorb_design.store import Results, ResultsWriter, Run
 from haptorb_design.workers import compute_base_values
 
-__all__ = ["Refusals", "ResultsColumn", "ResultsTable", "Tally", "compute_base", "find_base_value", "keep_candidates"]
+__all__ = ["Refusals", "ResultsColumn", "ResultsTable", "Tally", "compute_base", "find_base_value", "store_candidates"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The base device's own numbers, beside which the designs are shown.
+# Quantities of the base device, for comparison.
 
 
 def compute_base(design: Design) -> tuple[dict[str, float], dict[str, float]]:
-    """Objectives and constraints of the base device, by name [SI]; NaN where it has no such number.
+    """Objectives and constraints of the base device, by name [SI]; NaN if it has no such value.
 
     What the results do not say is computed; of a user's own function that cannot be done without its file.
     """
@@ -42,7 +42,7 @@ def compute_base(design: Design) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def find_base_value(design: Design, parameter: DesignParameter) -> float:
-    """The value of `parameter`, in its unit, that makes the base device; the place of a choice; NaN where none does."""
+    """Value of `parameter`, in its unit, in the base device; the index of a choice; NaN if none matches."""
     place = parameter.places[0]
     try:
         node, unit = _find(design.base_tables.values, split_key(place.key))
@@ -51,11 +51,11 @@ def find_base_value(design: Design, parameter: DesignParameter) -> float:
         found = read_number(f"{node} {unit}" if unit else node, parameter.unit)[0]
         return (found - place.offset) / place.factor
     except (LookupError, TypeError, ValueError, ZeroDivisionError):
-        return math.nan  # the file has no such key, or something else stands there
+        return math.nan  # the file has no such key, or another type of value there
 
 
 def _find(node: Any, path: list[str | int]) -> tuple[Any, str]:
-    """What the tables say at `path`, without its provenance, and the unit that is said apart from it."""
+    """Value at `path` of the tables, without its provenance, and its separate unit."""
     unit = ""
     for part in [*path, None]:
         if isinstance(node, Mapping) and "value" in node:
@@ -65,12 +65,12 @@ def _find(node: Any, path: list[str | int]) -> tuple[Any, str]:
     return node, unit
 
 
-_DIGITS = 6  #: of a number on a page
+_SIGNIFICANT_DIGITS = 6  #: significant digits on a page
 
 
 @dataclass(frozen=True)
 class ResultsColumn:
-    """One number of every valid design.
+    """One quantity of every valid design.
 
     kind    "parameter", "objective" or "constraint"
     unit    in which `values` (n,) and `base` are, with its prefix
@@ -89,7 +89,7 @@ class ResultsColumn:
 
     @property
     def title(self) -> str:
-        """The name as people read it."""
+        """The name for display."""
         return self.name.replace("_", " ")
 
     def describe(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class ResultsColumn:
 
 @dataclass(frozen=True)
 class Refusals:
-    """How many designs one constraint rejected, and the reason that one of them was given."""
+    """Number of designs that one constraint rejected, with the reason of one of them."""
 
     by: str
     count: int
@@ -112,7 +112,7 @@ class Refusals:
 
 @dataclass(frozen=True)
 class ResultsTable:
-    """The valid designs, row by row, and what is said of the others.
+    """The valid designs, row by row, and counts of the others.
 
     found      (run, evaluation) of each row
     total      designs that were computed, rejected ones included
@@ -135,7 +135,7 @@ class ResultsTable:
 
     @classmethod
     def of(cls, results: Results, count: int = 5) -> ResultsTable:
-        """The table of `results` with at most `count` picks; the base device's own numbers are computed."""
+        """Table of `results` with at most `count` picks; quantities of the base device are computed."""
         design = results.design
         found = tuple((run, one) for run in results.runs for one in run.evaluations if one.valid)
         valid = [one for _, one in found]
@@ -159,16 +159,16 @@ class ResultsTable:
         )  # fmt: skip
 
     def name(self, row: int) -> str:
-        """What the design of a row, and its device, is called: design, run if there are several, and number."""
+        """Name of a row's design and device: design, run if there are several, and number."""
         run, one = self.found[row]
         return "-".join([self.design.name, *([str(run.id)] if len(self.runs) > 1 else []), str(one.number)])
 
     def select(self, kind: str) -> list[ResultsColumn]:
-        """The columns of one kind."""
+        """Columns of one kind."""
         return [one for one in self.columns if one.kind == kind]
 
     def describe(self) -> dict[str, Any]:
-        """What the pages draw, as plain JSON types."""
+        """Data for the pages, as plain JSON types."""
         return {
             "title": self.design.title,
             "base": self.design.base.rpartition("/")[2],
@@ -189,7 +189,7 @@ def _make_parameter(design: Design, parameter: DesignParameter, valid: list[Eval
 
 
 def _scale(name: str, kind: str, unit: str, sense: int, values: Array, base: float) -> ResultsColumn:
-    """The column in the prefix that suits most of its values."""
+    """The column in the unit prefix that suits most of its values."""
     known = np.abs(values[np.isfinite(values)])
     factor, shown = scale_unit(float(np.median(known)) if known.size else 0.0, unit)
     return ResultsColumn(name, kind, shown, sense, (), values * factor, base * factor)
@@ -200,7 +200,7 @@ def _collect(valid: list[Evaluation], table: str, name: str) -> Array:
 
 
 def _place(design: Design, column: ResultsColumn) -> Array:
-    """The parameter's values as shares of its range; choices as whole numbers."""
+    """The parameter's values relative to its range; choices as whole numbers."""
     if column.labels:
         return column.values
     parameter = design.parameter(column.name)
@@ -216,21 +216,21 @@ def _count_refusals(evaluations: Iterable[Evaluation]) -> tuple[Refusals, ...]:
 
 
 def _round_number(value: float) -> float | None:
-    """`value` with the digits that a page needs; None where there is no number."""
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+    """`value` rounded for a page; None for NaN."""
+    return float(f"{value:.{_SIGNIFICANT_DIGITS}g}") if math.isfinite(value) else None
 
 
 # --------------------------------------------------------------------------------------------------
-# The state of a run: how many candidates, how many each constraint refuses, and the best.
+# Tally of a run: candidates, refusals per constraint, best designs.
 
 
-_MOST = 2  #: objectives that a bar has room for
-_LONGEST = 160  #: characters of a reason
+_MAX_BAR_OBJECTIVES = 2  #: objectives shown in a progress bar
+_MAX_REASON_CHARACTERS = 160  #: maximum length of a reason [characters]
 
 
 @final
 class Tally:
-    """Counts of a run, and the best of each objective."""
+    """Counts of a run, and the best design of each objective."""
 
     def __init__(self, design: Design, found: Iterable[Evaluation] = ()) -> None:
         self.design = design
@@ -238,13 +238,13 @@ class Tally:
         self.refused: Counter[str] = Counter()
         self.best: dict[str, Evaluation] = {}
         self._reasons: dict[str, Counter[str]] = {}
-        self._examples: dict[tuple[str, str], Evaluation] = {}  # the first of each kind of reason
-        self._nearest: dict[str, tuple[float, int, str]] = {}  # of each constraint: miss, number, reason
+        self._examples: dict[tuple[str, str], Evaluation] = {}  # first example of each kind of reason
+        self._nearest: dict[str, tuple[float, int, str]] = {}  # per constraint: violation, number, reason
         for one in found:
             self.add(one)
 
     def add(self, one: Evaluation) -> None:
-        """Count one more candidate."""
+        """Add one candidate."""
         self.count += 1
         if not one.valid:
             by, parts = one.refused_by, one.reason.split(": ")
@@ -262,26 +262,30 @@ class Tally:
         for goal in self.design.goals:
             sign = 1.0 if goal.sense == "minimise" else -1.0
             best = self.best.get(goal.name)
-            mine = (sign * one.objectives[goal.name], one.number)  # of two equals the first, whichever came first
+            mine = (sign * one.objectives[goal.name], one.number)  # of equal designs the first, in any order of arrival
             if best is None or mine < (sign * best.objectives[goal.name], best.number):
                 self.best[goal.name] = one
 
     @property
     def valid(self) -> int:
-        """How many designs keep every constraint."""
+        """Number of valid designs."""
         return self.count - self.refused.total()
 
     @property
     def short(self) -> str:
-        """For a bar: the best so far, and the share of refused candidates."""
-        parts = [f"best {goal.name} {self._format_best(goal)}" for goal in self.design.goals[:_MOST] if self.best]
+        """For a progress bar: the best so far, and the share of refused candidates."""
+        parts = [
+            f"best {goal.name} {self._format_best(goal)}"
+            for goal in self.design.goals[:_MAX_BAR_OBJECTIVES]
+            if self.best
+        ]
         if self.count:
             parts.append(f"{100 * self.refused.total() / self.count:.0f} % rejected")
         return ", ".join(parts)
 
     @property
     def sentence(self) -> str:
-        """How many designs there are, and which constraint refuses how many."""
+        """Number of designs, and of refusals per constraint."""
         text = f"{self.count} designs: {self.valid} valid"
         if self.refused:
             whom = ", ".join(f"{count} by {name}" for name, count in self.refused.most_common())
@@ -290,7 +294,7 @@ class Tally:
 
     @property
     def advice(self) -> str:
-        """Where no design is valid: what refuses the most, and what to do; empty otherwise."""
+        """If no design is valid: the main cause and a remedy; empty otherwise."""
         if self.valid or not self.count:
             return ""
         name, count = self.refused.most_common(1)[0]
@@ -307,21 +311,21 @@ class Tally:
 
     @property
     def failures(self) -> str:
-        """If designs are valid, but an objective of others is not a number: how many, and one reason; or ""."""
+        """If some designs have a non-finite objective: how many, with one reason; otherwise empty."""
         count = self.refused[OBJECTIVE]
         if not self.valid or not count:
             return ""
         return f"an objective is not a number for {count} designs. {self._explain(OBJECTIVE)}"
 
     def _explain(self, by: str) -> str:
-        """The design closest to the constraint `by`, or the first with the most frequent reason."""
+        """The design closest to the constraint `by`, or an example of the most frequent reason."""
         if by in self._nearest:
             _, number, reason = self._nearest[by]
-            return f"The closest is design {number}: {shorten(reason, _LONGEST, placeholder=' ...')}"
+            return f"The closest is design {number}: {shorten(reason, _MAX_REASON_CHARACTERS, placeholder=' ...')}"
         kind, often = self._reasons[by].most_common(1)[0]
         example = self._examples[by, kind]
         others = f" ({often} alike)" if often > 1 else ""
-        return f"Design {example.number}{others}: {shorten(example.reason, _LONGEST, placeholder=' ...')}"
+        return f"Design {example.number}{others}: {shorten(example.reason, _MAX_REASON_CHARACTERS, placeholder=' ...')}"
 
     def list_best(self) -> list[tuple[str, str]]:
         """(objective, text) of the best design for each objective."""
@@ -344,32 +348,32 @@ class Tally:
 
 
 # --------------------------------------------------------------------------------------------------
-# Candidates stored as they are computed, with a bar: the best so far, the refused share, the time left.
+# Candidates stored as they arrive, with a progress bar.
 
 
-_BATCH = 200  #: candidates that are stored together at most
-_SHARE = 20.0  #: storing takes at most one part in so many of the time
+_MAX_BATCH = 200  #: candidates stored together at most
+_STORING_INTERVAL_FACTOR = 20.0  #: storing takes at most 1/20 of the time
 
 
-def keep_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int) -> Tally:
-    """Store the candidates `found` in a run of `total`; returns the tally, together with what was stored before.
+def store_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int) -> Tally:
+    """Store the candidates `found` in a run of `total`; returns the tally, with earlier candidates.
 
     If it ends early, also by ^C, what was computed until then is stored.
     """
     known = [one for number, one in writer.list_known().items() if number < total]
     tally = Tally(design, known)
     waiting: list[Evaluation] = []
-    next_time = time.monotonic()  # of storing
+    next_time = time.monotonic()  # of the next transaction
     with make_progress() as bar:
         task = bar.add_task(tally.short or "first designs", total=total, completed=len(known))
         try:
             for one in found:
                 waiting.append(one)
                 tally.add(one)
-                if (now := time.monotonic()) >= next_time or len(waiting) >= _BATCH:
+                if (now := time.monotonic()) >= next_time or len(waiting) >= _MAX_BATCH:
                     writer.add(waiting)
                     waiting.clear()
-                    next_time = now + _SHARE * (time.monotonic() - now)
+                    next_time = now + _STORING_INTERVAL_FACTOR * (time.monotonic() - now)
                 bar.update(task, completed=tally.count, description=tally.short)
         finally:
             writer.add(waiting)

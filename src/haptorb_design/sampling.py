@@ -1,4 +1,4 @@
-"""The values of a sweep, by number: the same seed gives the same values for the same number."""
+"""Sampling of a sweep: values by number, reproducible from method and seed."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ __all__ = ["METHODS", "count_levels", "list_settings", "make_values", "pick_leve
 
 
 # --------------------------------------------------------------------------------------------------
-# From a point of the unit cube to values of a design's parameters.
+# From a point of the unit cube to parameter values.
 
 
-_DIGITS = 9  #: of a value: as many as a device file can do with
+_SIGNIFICANT_DIGITS = 9  #: significant digits of a value
 
 
 def make_values(design: Design, point: Sequence[float]) -> dict[str, Value]:
-    """Parameter → value at `point`, one coordinate of [0, 1) per parameter; steps and choices share it evenly."""
+    """Parameter → value at `point`, one coordinate of [0, 1) per parameter; steps and choices have equal shares."""
     return {one.name: _find_value(one, float(share)) for one, share in zip(design.parameters, point, strict=True)}
 
 
 def count_levels(parameter: DesignParameter) -> int:
-    """How many values the parameter can have; 0 for a continuous range.
+    """Number of values of a parameter; 0 for a continuous range.
 
     >>> count_levels(DesignParameter("turns", (), low=10.0, high=20.0, step=5.0))
     3
@@ -42,7 +42,7 @@ def count_levels(parameter: DesignParameter) -> int:
 
 
 def pick_level(parameter: DesignParameter, level: int, levels: int) -> Value:
-    """Value number `level` of so many: of its own, or evenly from `low` to `high` of a continuous range."""
+    """Value `level` of a parameter, or of `count` evenly spaced ones from `low` to `high` of a continuous range."""
     if parameter.choices:
         return parameter.labels[level]
     if parameter.step > 0.0:
@@ -52,8 +52,8 @@ def pick_level(parameter: DesignParameter, level: int, levels: int) -> Value:
 
 
 def round_value(number: float) -> float:
-    """`number` with as many digits as are kept of a value."""
-    return float(f"{number:.{_DIGITS}g}")
+    """`number` rounded to the digits of a value."""
+    return float(f"{number:.{_SIGNIFICANT_DIGITS}g}")
 
 
 def _find_value(parameter: DesignParameter, share: float) -> Value:
@@ -63,7 +63,7 @@ def _find_value(parameter: DesignParameter, share: float) -> Value:
     return round_value(parameter.low + share * (parameter.high - parameter.low))
 
 
-#: method → what it is
+#: method → description
 METHODS = {
     "sobol": "Scrambled Sobol sequence: even coverage from the first candidate; a larger count continues a smaller one",
     "latin-hypercube": (
@@ -71,7 +71,7 @@ METHODS = {
     ),
     "grid": "Every combination of steps and choices; continuous ranges in as many equal steps as the count allows",
 }
-_MOST = 10_000_000
+_MAX_SAMPLES = 10_000_000
 
 
 def sample(design: Design, method: str, count: int, seed: int) -> Sequence[dict[str, Value]]:
@@ -106,8 +106,8 @@ def sample(design: Design, method: str, count: int, seed: int) -> Sequence[dict[
     """
     if method not in METHODS:
         raise UnknownName("sampling method", method, METHODS)
-    if not 1 <= count <= _MOST:
-        raise InputError(f"count must be between 1 and {_MOST}; got {count}")
+    if not 1 <= count <= _MAX_SAMPLES:
+        raise InputError(f"count must be between 1 and {_MAX_SAMPLES}; got {count}")
     if not 0 <= seed < 2**31:
         raise InputError(f"seed must be between 0 and {2**31 - 1}; got {seed}")
     if method == "grid":
@@ -144,7 +144,7 @@ def _list_grid(design: Design, count: int) -> list[dict[str, Value]]:
 
 
 # --------------------------------------------------------------------------------------------------
-# A sweep: the values of a sample computed, those that are stored already excepted.
+# Sweep: evaluation of a sample, without the values stored already.
 
 
 Evaluate = Callable[[Iterable[tuple[int, Mapping[str, Value]]]], Iterable[Evaluation]]
@@ -188,5 +188,5 @@ def sweep(
 
 
 def list_settings(method: str, values: Sequence[Mapping[str, Value]]) -> dict[str, Any]:
-    """What decides the values of a number beside method and seed: a Sobol sequence can be continued, others not."""
+    """Settings besides method and seed that determine the values; a Sobol sequence can be extended, others cannot."""
     return {} if method == "sobol" else {"count": len(values)}

@@ -1,4 +1,4 @@
-"""An optimiser over the free parameters of a design, one generation at a time, by pymoo.
+"""Optimiser of the free parameters of a design, one generation at a time, with pymoo.
 
 Several objectives: NSGA-II (Deb et al. 2002). One objective: differential evolution (Storn and Price 1997): a child
 takes nine tenths of its parameters from the best so far plus 0.7 of the difference of two others, and one in ten is
@@ -24,14 +24,14 @@ from haptorb_design.store import check_values
 __all__ = ["POPULATION", "Optimiser", "optimise"]
 
 
-POPULATION = 50  #: candidates in a generation, unless something else is asked for
-_TRIES = 100  #: generations of differential evolution without a new candidate, until it ends
-_CHANGES = 10  #: of a child of differential evolution that the run had before, until it is left out
+POPULATION = 50  #: default number of candidates of a generation
+_MAX_IDLE_GENERATIONS = 100  #: generations of differential evolution without a new candidate before it ends
+_MAX_MUTATIONS = 10  #: attempts to change a duplicate child of differential evolution before it is left out
 
 
 @final
 class Optimiser:
-    """Proposes a generation of candidates, receives their evaluations, proposes the next.
+    """Ask-tell optimiser: proposes a generation of candidates, receives their evaluations.
 
     The same design, seed and population give the same candidates under the same numbers, however and in whichever
     order they were computed. The first generation is a Latin hypercube. No candidate is proposed twice.
@@ -52,11 +52,11 @@ class Optimiser:
         self._start = 0
         self._generation: Any = None
         single = len(design.goals) == 1 and bool((self.space.levels == 0).any())
-        self.method = "de" if single else "nsga2"  #: differential evolution or NSGA-II, as results call it
+        self.method = "de" if single else "nsga2"  #: differential evolution or NSGA-II, as named in results
         self._make_algorithm(seed)
 
     def ask(self) -> list[tuple[int, dict[str, Value]]]:
-        """(number, values) of the next generation; empty where nothing new can be found.
+        """(number, values) of the next generation; empty if nothing new can be found.
 
         Asked again before `tell`, it gives the same.
         """
@@ -69,7 +69,7 @@ class Optimiser:
         return [(self._start + n, self.space.values(point)) for n, point in enumerate(self._generation.get("X"))]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """The evaluations of the candidates of the last `ask`, in any order; InputError unless it is all of them."""
+        """Evaluations of all candidates of the last `ask`, in any order; InputError if some are missing."""
         count = 0 if self._generation is None else len(self._generation)
         ordered = sorted(evaluations, key=lambda evaluation: evaluation.number)
         if not count or [evaluation.number for evaluation in ordered] != list(range(self._start, self._start + count)):
@@ -88,20 +88,20 @@ class Optimiser:
         self._generation = None
 
     def _propose(self) -> Any:
-        """pymoo's next generation; None where it has nothing new."""
+        """pymoo's next generation; None if it has nothing new."""
         if self.method == "nsga2":
-            return self._algorithm.ask()  # asks `_new` itself
-        for _ in range(_TRIES):
+            return self._algorithm.ask()  # calls `_new` itself
+        for _ in range(_MAX_IDLE_GENERATIONS):
             found = self._algorithm.ask()
             self._change_old(found)
             new = ~self._new.find_old(found)
             if new.any():
-                return found[new]  # each knows whose place it may take
+                return found[new]  # each keeps the parent it may replace
         return None
 
     def _change_old(self, found: Any) -> None:
-        """Change the children in `found` that the run had before, until they are new."""
-        for _ in range(_CHANGES):
+        """Mutate the children in `found` that the run had before, until they are new."""
+        for _ in range(_MAX_MUTATIONS):
             old = found[self._new.find_old(found)]
             if not len(old):
                 return
@@ -109,7 +109,7 @@ class Optimiser:
             old.set("X", self.space.snap(old.get("X")))
 
     def _make_algorithm(self, seed: int) -> None:
-        from pymoo.algorithms.moo.nsga2 import NSGA2  # a second and a half, which only an optimiser needs
+        from pymoo.algorithms.moo.nsga2 import NSGA2  # imports in 1.5 s, needed by an optimiser only
         from pymoo.algorithms.soo.nonconvex.de import DE, Variant
         from pymoo.core.problem import Problem
         from pymoo.core.termination import NoTermination
@@ -139,7 +139,7 @@ class Optimiser:
 
 
 # --------------------------------------------------------------------------------------------------
-# A run of an optimiser: what it asks for is computed, or taken from the results that are there already.
+# A run of an optimiser: candidates are evaluated, or taken from earlier results.
 
 
 Evaluate = Callable[[Iterable[tuple[int, Mapping[str, Value]]]], Iterable[Evaluation]]
@@ -148,7 +148,7 @@ Evaluate = Callable[[Iterable[tuple[int, Mapping[str, Value]]]], Iterable[Evalua
 def optimise(
     optimiser: Optimiser, evaluate: Evaluate, known: Mapping[int, Evaluation], count: int
 ) -> Iterator[Evaluation]:
-    """Candidates 0 to `count` - 1 of a run, those in `known` excepted: each as soon as it is computed.
+    """Evaluate candidates 0 to `count` - 1 of a run, except those in `known`; yields each as it arrives.
 
     optimiser  that was not asked before
     evaluate   computes (number, values) of a generation, in any order

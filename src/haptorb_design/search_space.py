@@ -1,4 +1,4 @@
-"""The free parameters of a design as a unit cube, which is what an optimiser moves in."""
+"""Search space: the free parameters of a design as a unit cube."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["SearchSpace", "measure_miss", "measure_violation"]
 
 Array = NDArray[np.float64]
 
-_DIGITS = 9  #: of a place in the unit cube; what processors compute differently in the last bit is not kept
+_COORDINATE_DIGITS = 9  #: digits of a coordinate; differences between processors in the last bit are rounded off
 
 
 @final
 class SearchSpace:
-    """Values of parameters for points of the unit cube.
+    """Mapping between points of the unit cube and parameter values.
 
     parameters  in the order of the cube's axes
     levels      of each parameter, (p,) int: 0 continuous, otherwise how many steps or choices it has
@@ -37,7 +37,7 @@ class SearchSpace:
         self.free: NDArray[np.bool_] = np.array([bool(parameter.choices) for parameter in parameters])
 
     def snap(self, points: Array) -> Array:
-        """The nearest points (n, p) that the parameters can take; what lies outside is brought to the bound."""
+        """The nearest permitted points (n, p), within the bounds."""
         inside = np.clip(points, 0.0, 1.0)
         widths = np.maximum(self.levels, 1)
         bins = np.minimum(np.floor(inside * widths), widths - 1)
@@ -45,12 +45,12 @@ class SearchSpace:
         stepped = np.where(self.levels == 1, 0.0, np.round(inside * spans) / spans)
         found = np.where(self.free, (bins + 0.5) / widths, np.where(self.levels > 0, stepped, inside))
         places: Array = np.asarray(
-            np.round(found, _DIGITS) + 0.0, np.float64
-        )  # no negative zero: equal points are equal bytes
+            np.round(found, _COORDINATE_DIGITS) + 0.0, np.float64
+        )  # no negative zero: equal points have equal bytes
         return places
 
     def values(self, point: Array) -> dict[str, Value]:
-        """Parameter → value at `point` (p,), which was snapped."""
+        """Parameter → value at the snapped `point` (p,)."""
         return {
             parameter.name: _value_at(parameter, int(levels), float(place))
             for parameter, levels, place in zip(self.parameters, self.levels, point, strict=True)
@@ -66,11 +66,11 @@ def _value_at(parameter: DesignParameter, levels: int, place: float) -> Value:
 
 
 # --------------------------------------------------------------------------------------------------
-# How far a candidate is from keeping every constraint, as one number that an optimiser can make small.
+# Constraint violation as one number, which an optimiser minimises.
 
 
 def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
-    """0 for a valid candidate; otherwise the sum over the constraints, each from 0 (kept) to 1 (not computed).
+    """0 for a valid candidate; otherwise the sum over the constraints, each from 0 (satisfied) to 1 (not computed).
 
     A constraint that misses its bound by d counts d / (d + |bound|), or d / (d + 1) where the bound is 0. One that was
     not computed counts 1, and so does an objective without a finite number. A device that cannot be built misses all
@@ -87,7 +87,7 @@ def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
 
 
 def measure_miss(value: float | None, bound: Bound) -> float:
-    """How far `value` [SI] is from keeping `bound`, 0 (kept) to 1 (not computed)."""
+    """Violation of `bound` by `value` [SI], from 0 (satisfied) to 1 (not computed)."""
     if value is None or value != value:
         return 1.0
     for limit, short in ((bound.low, -1.0), (bound.high, 1.0)):

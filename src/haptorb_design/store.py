@@ -1,4 +1,4 @@
-"""Candidates as they are computed, kept by number: written by one program per run, read by any."""
+"""Results database: candidates by run and number; one program writes a run, any may read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import Any, final
 
 from sqlalchemy import Column, Float, ForeignKey, Integer, MetaData, String, Table, Text, UniqueConstraint, select
 from sqlalchemy.dialects import postgresql, sqlite
@@ -35,7 +35,7 @@ from haptorb_design.problem import (
     ParameterPlace,
     Value,
 )
-from haptorb_design.workers import LIMIT, compute_base_values
+from haptorb_design.workers import CANDIDATE_TIME_LIMIT_S, compute_base_values
 
 __all__ = [
     "FAMILY",
@@ -57,10 +57,10 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A Design as results keep it: with its base device, so that they can be read without any other file.
+# Stored form of a Design, with its base device, so that results can be read without other files.
 
 
-def write_record(design: Design, limit: float = LIMIT) -> str:
+def write_record(design: Design, limit: float = CANDIDATE_TIME_LIMIT_S) -> str:
     """JSON of everything but the file's text and its digest, with the base device's own numbers, which are computed,
     each within `limit` of processor time [s]."""
     tables = design.base_tables
@@ -84,7 +84,7 @@ def write_record(design: Design, limit: float = LIMIT) -> str:
 
 
 def read_record(name: str, text: str, digest: str, record: str) -> Design:
-    """The Design that `write_record` wrote. A user's own function is not there: computing it raises InputError."""
+    """The Design of a record. A user's own function is not stored: computing it raises InputError."""
     raw: Mapping[str, Any] = json.loads(record)
     file = DeviceText.from_note(raw.get("device", {}))
     return Design(
@@ -113,7 +113,7 @@ def _read_quantity(raw: Mapping[str, Any]) -> DesignQuantity:
 
 
 def _compute(name: str, candidate: DesignCandidate) -> float:
-    """haptorb's own quantity of that name, now; what a user's function computed is known by its results only."""
+    """Compute haptorb's own quantity of that name; results of a user's function cannot be recomputed."""
     from haptorb_design.objectives import quantity
 
     try:
@@ -129,11 +129,11 @@ def _read_parameter(raw: Mapping[str, Any]) -> DesignParameter:
 
 
 # --------------------------------------------------------------------------------------------------
-# The tables of a results database, made at its first opening; what is none of ours, or newer, is refused.
+# Schema of a results database, created at its first opening; foreign and newer databases are refused.
 
 
-SCHEMA = 1  #: of this version; a database of a newer one is refused
-FAMILY = 0x68617064  #: of PostgreSQL's advisory locks that are ours
+SCHEMA = 1  #: of this version; databases of newer ones are refused
+FAMILY = 0x68617064  #: key of our PostgreSQL advisory locks
 
 _tables = MetaData()
 versions = Table("haptorb_design_schema", _tables, Column("version", Integer, primary_key=True))
@@ -141,8 +141,8 @@ designs = Table(
     "designs", _tables,
     Column("digest", String(64), primary_key=True),
     Column("name", String(64), nullable=False),
-    Column("text", Text, nullable=False),  # the design file, word for word
-    Column("record", Text, nullable=False),  # JSON: base device, units, senses and bounds, as they were computed
+    Column("text", Text, nullable=False),  # the design file, verbatim
+    Column("record", Text, nullable=False),  # JSON: base device, units, senses and bounds, as computed
 )  # fmt: skip
 runs = Table(
     "runs", _tables,
@@ -150,7 +150,7 @@ runs = Table(
     Column("design", ForeignKey("designs.digest"), nullable=False),
     Column("method", String(32), nullable=False),
     Column("seed", Integer, nullable=False),
-    Column("settings", String(400), nullable=False),  # JSON: what else decides the values of a number
+    Column("settings", String(400), nullable=False),  # JSON: other settings that determine the values of a number
     Column("version", String(32), nullable=False),
     Column("started", String(32), nullable=False),
     UniqueConstraint("design", "method", "seed", "settings"),
@@ -158,7 +158,7 @@ runs = Table(
 evaluations = Table(
     "evaluations", _tables,
     Column("run", ForeignKey("runs.id"), primary_key=True),
-    Column("number", Integer, primary_key=True, autoincrement=False),  # from 0; with the run unique: nothing doubled
+    Column("number", Integer, primary_key=True, autoincrement=False),  # from 0; unique with the run
     Column("values", Text, nullable=False),  # JSON
     Column("objectives", Text, nullable=False),  # JSON
     Column("constraints", Text, nullable=False),  # JSON
@@ -173,7 +173,7 @@ _RESULTS = TableSet("results of a design", FileKind.RESULTS, _tables, versions, 
 
 
 def open_database(place: str | Path, *, make: bool) -> Engine:
-    """The database at `place`, with its tables; RecordingError if it cannot be reached, is newer, or is none of ours.
+    """Open the database at `place`; RecordingError if it cannot be reached, is newer, or is not a results database.
 
     With `make` false one that is not there is refused rather than made.
     """
@@ -195,48 +195,20 @@ def _check_place(path: Path, place: str | Path, make: bool) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a results file must hold for its report to be made: it may be damaged, or come from anybody.
+# Validation of a results file, which may be damaged or foreign.
 
 
-_NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")  #: of a design: its devices' files are called so
+_NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")  #: name of a design, also of its device files
 _WORD = re.compile(r"[\w.-]{1,64}")
-_LARGE = 1e300  #: of any number
-_LONG = 4000  #: characters of a text
+_MAX_NUMBER = 1e300  #: maximum of any number
+_MAX_TEXT_CHARACTERS = 4000  #: maximum length of a text [characters]
 
 
-class StoredRun(Protocol):
-    """One sweep or optimisation."""
-
-    @property
-    def method(self) -> str:
-        """How its values were chosen."""
-
-    @property
-    def seed(self) -> int:
-        """Its seed."""
-
-    @property
-    def version(self) -> str:
-        """Of haptorb."""
-
-    @property
-    def started(self) -> str:
-        """UTC, ISO 8601."""
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """What else decides the values."""
-
-    @property
-    def evaluations(self) -> tuple[Evaluation, ...]:
-        """What was computed."""
-
-
-def check_results(design: Design, runs: Iterable[StoredRun]) -> None:
-    """Raise InputError for the first thing in a results file that haptorb did not write."""
+def check_results(design: Design, runs: Iterable[Run]) -> None:
+    """Raise InputError for the first invalid value in a results file."""
     _require(isinstance(design.name, str) and bool(_NAME.fullmatch(design.name)), "name of the design", design.name)
     for what, text in (("title", design.title), ("base", design.base), ("text", design.text)):
-        _require(isinstance(text, str) and len(text) <= 64 * _LONG, f"{what} of the design", text)
+        _require(isinstance(text, str) and len(text) <= 64 * _MAX_TEXT_CHARACTERS, f"{what} of the design", text)
     _require(0 < len(design.parameters) <= 1000 and 0 < len(design.goals) <= 100, "parameters and objectives", design)
     for parameter in design.parameters:
         _check_parameter(parameter)
@@ -282,7 +254,7 @@ def _check_evaluation(design: Design, one: Evaluation) -> None:
         )
     _require(_is_number(one.seconds), f"time of {where}", one.seconds)
     for text in (one.refused_by, one.reason):
-        _require(isinstance(text, str) and len(text) <= _LONG, f"reason of {where}", text)
+        _require(isinstance(text, str) and len(text) <= _MAX_TEXT_CHARACTERS, f"reason of {where}", text)
     if one.valid:
         _require({goal.name for goal in design.goals} <= set(one.objectives), f"objectives of {where}", one.objectives)
 
@@ -292,11 +264,15 @@ def _check_word(what: str, text: Any) -> None:
 
 
 def _check_text(what: str, text: Any) -> None:
-    _require(isinstance(text, str) and len(text) <= _LONG and (text.isprintable() or not text), what, text)
+    _require(
+        isinstance(text, str) and len(text) <= _MAX_TEXT_CHARACTERS and (text.isprintable() or not text), what, text
+    )
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and abs(value) < _LARGE
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and abs(value) < _MAX_NUMBER
+    )
 
 
 def _require(fits: bool, what: str, found: Any) -> None:
@@ -306,7 +282,7 @@ def _require(fits: bool, what: str, found: Any) -> None:
 
 @dataclass(frozen=True)
 class Run:
-    """One sweep or optimisation: what decides which values a number has.
+    """One sweep or optimisation, with the settings that determine the values of a number.
 
     settings  what does beside method and seed, such as the count of a Latin hypercube
     started   UTC, ISO 8601
@@ -338,7 +314,7 @@ class Results:
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
-        """Of all runs, one after the other."""
+        """Of all runs, in sequence."""
         return tuple(one for run in self.runs for one in run.evaluations)
 
 
@@ -362,11 +338,11 @@ class ResultsWriter:
         self._known = {one.number: one for one in _read_evaluations(engine, run.id)}
 
     def list_known(self) -> dict[int, Evaluation]:
-        """Number → what is stored of this run, also from earlier programs."""
+        """Number → stored evaluation of this run, also from earlier programs."""
         return dict(self._known)
 
     def add(self, found: Iterable[Evaluation]) -> None:
-        """Store `found`, all or none; numbers that are stored already stay as they are.
+        """Store `found`, all or none; numbers already stored remain unchanged.
 
         Raises RecordingError if the database cannot take them: what was stored before is kept.
         """
@@ -389,7 +365,7 @@ class ResultsWriter:
 @contextmanager
 def open_results(
     where: str | Path, design: Design, method: str, seed: int, *, settings: Mapping[str, Any] | None = None,
-    resume: bool = True, limit: float = LIMIT,
+    resume: bool = True, limit: float = CANDIDATE_TIME_LIMIT_S,
 ) -> Iterator[ResultsWriter]:  # fmt: skip
     """Open a run of a design in a results file, until the `with` block ends; an existing run continues.
 
@@ -488,7 +464,7 @@ def read_results(where: str | Path) -> Results:
 
 
 def _find_run(engine: Engine, place: str, design: Design, key: tuple[str, int, str], limit: float) -> tuple[Run, bool]:
-    """The run, and whether it was there already."""
+    """The run, and whether it existed before."""
     method, seed, settings = key
     with engine.connect() as connection:
         is_there = connection.execute(select(designs.c.digest)).first() is not None
@@ -521,7 +497,7 @@ def _make_run(row: Row[Any], found: tuple[Evaluation, ...] = ()) -> Run:
 
 
 def _read_evaluations(engine: Engine, run: int) -> list[Evaluation]:
-    """Of one run, by number."""
+    """Evaluations of one run, by number."""
     columns = [column for column in evaluations.c if column.name not in ("run", "time")]
     query = select(*columns).where(evaluations.c.run == run).order_by(evaluations.c.number)
     with engine.connect() as connection:
@@ -532,7 +508,7 @@ def _read_evaluations(engine: Engine, run: int) -> list[Evaluation]:
 
 
 def _insert(engine: Engine) -> Any:
-    """Rows that are there already stay: ^C between the transaction's end and what this program knows of it."""
+    """Insert rows, ignoring existing ones: after ^C a transaction may be complete without this program knowing."""
     make = postgresql.insert if engine.dialect.name == "postgresql" else sqlite.insert
     return make(evaluations).on_conflict_do_nothing()
 
@@ -546,11 +522,11 @@ def _write_row(one: Evaluation) -> dict[str, Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Whether a resumed run would try the values that it has stored.
+# Consistency of a resumed run.
 
 
 def check_values(wanted: Mapping[int, Mapping[str, Value]], stored: Iterable[Evaluation]) -> None:
-    """RecordingError unless each stored candidate has the values that its number stands for now."""
+    """Raise RecordingError unless each stored candidate has the values that its number determines now."""
     for one in stored:
         for name, value in wanted[one.number].items():
             if one.values.get(name) != value:

@@ -1,4 +1,4 @@
-"""What computes candidates, wherever it does; and the plainest of its kind, this process."""
+"""Workers that evaluate candidates: in this process, in processes of this computer, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from haptorb_design.problem import (
 )
 
 __all__ = [
-    "LIMIT",
+    "CANDIDATE_TIME_LIMIT_S",
     "ClusterWorkers",
     "Job",
     "LocalWorker",
@@ -55,10 +55,10 @@ Job = tuple[int, Mapping[str, Value]]  #: number and values of a candidate
 
 
 class Workers(Protocol):
-    """What computes candidates of one design, as often as it is asked."""
+    """Evaluates candidates of one design."""
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """The evaluation of each candidate, each once, in any order.
+        """Evaluate each candidate once; yields in any order.
 
         Raises InputError when the workers fail; what came before is good.
         """
@@ -67,37 +67,41 @@ class Workers(Protocol):
 
 @final
 class LocalWorker:
-    """This process, one candidate after the other."""
+    """Evaluation in this process, one candidate after another."""
 
     def __init__(self, design: Design) -> None:
         self._design = design
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """The evaluation of each candidate, in order."""
+        """Evaluate the candidates in order."""
         for number, values in jobs:
             yield evaluate(self._design, number, values)
 
 
 # --------------------------------------------------------------------------------------------------
-# Candidates on all cores of this computer: processes that are started once, and replaced when a candidate ends one.
+# Evaluation on all cores of this computer, by processes that are replaced when a candidate ends one.
 #
-# A candidate that ends its process is computed again in a new one, and rejected when it does that again; so is one that
-# needs too long. All others are computed.
+# A candidate that ends its process is evaluated again in a new one, and rejected if it ends that too; so is one that
+# exceeds the time limit. All others are evaluated.
 
 
-_AHEAD = 2  #: candidates that a process has at most: the one that it computes, and the next
-_DEATHS = 2  #: of processes, until a candidate is rejected
-LIMIT = 600.0  #: processor time of one candidate [s]
-_WAITING = 4.0  #: times as long by the clock for one that waits instead of computing
-_LOOK = 0.5  #: between two looks at the time that candidates take [s]
-#: one thread each: the processes are as many as the cores
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_QUEUED_CANDIDATES = 2  #: candidates queued per process: the one in progress and the next
+_MAX_ENDED_PROCESSES = 2  #: processes that a candidate may end before it is rejected
+CANDIDATE_TIME_LIMIT_S = 600.0  #: limit of the processor time of one candidate [s]
+_WALL_CLOCK_FACTOR = (
+    4.0  #: limit of the wall-clock time, in multiples of that, for a candidate that waits instead of computing
+)
+_POLL_INTERVAL_S = 0.5  #: polling interval of the time limits [s]
+#: one thread each: there are as many processes as cores
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _READY = "ready"
 
 
 @contextmanager
-def open_processes(design: Design, processes: int | None = None, limit: float = LIMIT) -> Iterator[Workers]:
-    """So many processes for the candidates of `design`, one per core by default, until the block ends.
+def open_processes(
+    design: Design, processes: int | None = None, limit: float = CANDIDATE_TIME_LIMIT_S
+) -> Iterator[Workers]:
+    """Start processes for the candidates of `design`, one per core by default, until the block ends.
 
     limit  processor time after which a candidate is rejected [s]
 
@@ -112,7 +116,7 @@ def open_processes(design: Design, processes: int | None = None, limit: float = 
     if many == 1 and not design.has_own_code:
         yield LocalWorker(design)
         return
-    workers = ProcessWorkers(pickle_with_code(design), many, limit)  # an objective of the user's own has its code
+    workers = ProcessWorkers(pickle_with_code(design), many, limit)  # includes the code of a user's own objective
     try:
         yield workers
     except BaseException:
@@ -122,9 +126,9 @@ def open_processes(design: Design, processes: int | None = None, limit: float = 
 
 
 def compute_base_quantities(
-    design: Design, quantities: Mapping[str, DesignQuantity], limit: float = LIMIT
+    design: Design, quantities: Mapping[str, DesignQuantity], limit: float = CANDIDATE_TIME_LIMIT_S
 ) -> dict[str, float | str]:
-    """Of the base device of `design`, each of `quantities` by its name: the number [SI], or why there is none.
+    """Compute `quantities` of the base device of `design`, by name: the value [SI], or the reason why there is none.
 
     A function of the user's own is computed in another process, as for a candidate: it may end the process, or take
     longer than `limit` of processor time [s].
@@ -145,13 +149,13 @@ def compute_base_quantities(
 
     found |= compute(own).constraints if own else {}
     for name, one in own.items():
-        if name not in found:  # one of them failed, and perhaps ended the process with the numbers of all others
+        if name not in found:  # one of them failed, and may have ended the process with the values of all others
             alone = compute({name: one})
             found[name] = alone.constraints.get(name, alone.reason)
     return found
 
 
-def compute_base_values(design: Design, limit: float = LIMIT) -> dict[str, float]:
+def compute_base_values(design: Design, limit: float = CANDIDATE_TIME_LIMIT_S) -> dict[str, float]:
     """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for, and what
     takes longer than `limit` of processor time [s], is left out."""
     quantities = {f"objectives.{goal.name}": goal.quantity for goal in design.goals}
@@ -161,7 +165,7 @@ def compute_base_values(design: Design, limit: float = LIMIT) -> dict[str, float
 
 
 class _Process:
-    """One process, the candidates that it has, and since when it computes the first of them."""
+    """A process, its candidates, and the start time of the first."""
 
     def __init__(self, packed: bytes, memory: float) -> None:
         context = spawn_context()
@@ -174,8 +178,8 @@ class _Process:
         self.ready = False
         self.restart_clock()
 
-    def give(self, job: Job) -> None:
-        """Send one more candidate; a process that has ended is found out by who waits for it."""
+    def send(self, job: Job) -> None:
+        """Send one more candidate; an ended process is detected by whoever waits for it."""
         if not self.jobs:
             self.restart_clock()
         self.jobs.append(job)
@@ -183,18 +187,18 @@ class _Process:
             self.connection.send(job)
 
     def restart_clock(self) -> None:
-        """A candidate begins."""
+        """Restart the time limit for the next candidate."""
         self._since, self._used = monotonic(), processor_time(self.process.pid)
 
     def is_over(self, limit: float) -> bool:
-        """Whether its candidate has had `limit` [s] of processor time, or waits for several times as long."""
+        """Whether its candidate exceeded `limit` [s] of processor time, or several times that by the clock."""
         passed = monotonic() - self._since
         used, before = processor_time(self.process.pid), self._used
         computed = passed if used is None or before is None else used - before
-        return computed > limit or passed > _WAITING * limit
+        return computed > limit or passed > _WALL_CLOCK_FACTOR * limit
 
     def kill(self) -> None:
-        """End the process now."""
+        """Kill the process."""
         self.process.kill()
         self.process.join()
         self.connection.close()
@@ -202,7 +206,7 @@ class _Process:
 
 @final
 class ProcessWorkers:
-    """Processes of this computer; made by `open_processes`.
+    """Evaluation by processes of this computer; made by `open_processes`.
 
     packed  the design
     limit   processor time of one candidate [s]
@@ -221,24 +225,24 @@ class ProcessWorkers:
         deaths: Counter[int] = Counter()
         try:
             while todo or any(one.jobs for one in self._processes):
-                self._give(todo)
-                ready = wait([one.connection for one in self._processes], _LOOK)
+                self._send_jobs(todo)
+                ready = wait([one.connection for one in self._processes], _POLL_INTERVAL_S)
                 for one in list(self._processes):
                     if one.connection in ready:
                         yield from self._receive(one, todo, deaths)
                     elif one.ready and one.jobs and one.is_over(self._limit):
                         yield self._reject_slow(one, todo)
-        finally:  # who does not take all of them does not wait for the rest
+        finally:  # a caller that stops early does not wait for the rest
             for one in [one for one in self._processes if one.jobs]:
                 self._remove(one)
 
-    def _give(self, todo: deque[Job]) -> None:
+    def _send_jobs(self, todo: deque[Job]) -> None:
         while len(self._processes) < min(self._many, len(todo) + sum(bool(one.jobs) for one in self._processes)):
             self._processes.append(_Process(self._packed, self._memory))
-        for ahead in range(_AHEAD):
+        for ahead in range(_QUEUED_CANDIDATES):
             for one in self._processes:
                 if todo and len(one.jobs) <= ahead:
-                    one.give(todo.popleft())
+                    one.send(todo.popleft())
 
     def _receive(self, one: _Process, todo: deque[Job], deaths: Counter[int]) -> Iterator[Evaluation]:
         try:
@@ -256,14 +260,14 @@ class ProcessWorkers:
         one.restart_clock()
 
     def _replace(self, one: _Process, todo: deque[Job], deaths: Counter[int]) -> Iterator[Evaluation]:
-        """After the end of a process: its candidates are computed again, the one that ended it at most once."""
+        """Replace an ended process: its candidates are evaluated again, the one that ended it at most once."""
         one.process.join()
         code = one.process.exitcode or 0
         self._remove(one)
         todo.extendleft(reversed(one.jobs))
         if not one.ready:
             self._failed_starts += 1
-            if self._failed_starts > _DEATHS:
+            if self._failed_starts > _MAX_ENDED_PROCESSES:
                 raise InputError(
                     f"the processes that compute candidates end while they start ({describe_end(code)}): use fewer "
                     "--processes, or look for what ends them"
@@ -273,10 +277,10 @@ class ProcessWorkers:
             return
         number, values = todo.popleft()
         deaths[number] += 1
-        if deaths[number] < _DEATHS:
+        if deaths[number] < _MAX_ENDED_PROCESSES:
             todo.appendleft((number, values))
         else:
-            yield reject(number, values, f"its process ended {_DEATHS} times: {describe_end(code)}")
+            yield reject(number, values, f"its process ended {_MAX_ENDED_PROCESSES} times: {describe_end(code)}")
 
     def _reject_slow(self, one: _Process, todo: deque[Job]) -> Evaluation:
         self._remove(one)
@@ -289,12 +293,12 @@ class ProcessWorkers:
         one.kill()
 
     def kill(self) -> None:
-        """End all processes now."""
+        """Kill all processes."""
         while self._processes:
             self._remove(self._processes[0])
 
     def close(self) -> None:
-        """End the processes, which have nothing to do."""
+        """End the idle processes."""
         for one in self._processes:
             with suppress(OSError):
                 one.connection.send(None)
@@ -302,14 +306,14 @@ class ProcessWorkers:
 
 
 def reject(number: int, values: Mapping[str, Value], reason: str) -> Evaluation:
-    """The evaluation of a candidate that has none."""
+    """The evaluation of a rejected candidate."""
     return Evaluation(
         number=number, values=dict(values), objectives={}, constraints={}, refused_by=OBJECTIVE, reason=reason
     )
 
 
 def describe_end(code: int) -> str:
-    """What ended a process with the exit code `code` of `multiprocessing`.
+    """Description of the exit code `code` of a process.
 
     >>> describe_end(-9), describe_end(3)
     ('signal SIGKILL, perhaps because memory ran out', 'exit code 3')
@@ -324,7 +328,7 @@ def describe_end(code: int) -> str:
 
 
 def measure_memory() -> float:
-    """Memory of this computer, or of this container if it has less [bytes]; infinite where nobody says."""
+    """Memory of this computer, or of this container if less [bytes]; infinite if unknown."""
     found = [float("inf")]
     with suppress(OSError, ValueError, AttributeError):
         found.append(float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")))
@@ -335,7 +339,7 @@ def measure_memory() -> float:
 
 
 def processor_time(process: int | None) -> float | None:
-    """Processor time that a process has used [s]; None where the system does not say."""
+    """Processor time of a process [s]; None if the system does not report it."""
     try:
         fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -345,11 +349,11 @@ def processor_time(process: int | None) -> float | None:
 
 @contextmanager
 def _one_thread_and_no_interrupt() -> Iterator[None]:
-    """What is started within inherits that it ignores ^C and has one thread."""
+    """Child processes started within ignore ^C and use one thread."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    old = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    old = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     try:
         yield
     finally:
@@ -381,7 +385,7 @@ def _serve(connection: Any, packed: bytes, memory: float) -> None:
 
 def _limit_memory(memory: float) -> None:
     with suppress(ImportError, OSError, ValueError):
-        import resource  # not at the top: Windows has none
+        import resource  # not at the top: not available on Windows
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         if memory < float("inf"):
@@ -398,11 +402,11 @@ def _wait_for_parent() -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# The workers that a command asks for: a cluster, or processes of this computer.
+# Workers as chosen by a command.
 
 
 def open_workers(
-    design: Design, processes: int | None = None, scheduler: str | None = None, limit: float = LIMIT
+    design: Design, processes: int | None = None, scheduler: str | None = None, limit: float = CANDIDATE_TIME_LIMIT_S
 ) -> AbstractContextManager[Workers]:
     """Start processes that evaluate candidates, until the `with` block ends.
 
@@ -430,18 +434,18 @@ def open_workers(
 
 
 # --------------------------------------------------------------------------------------------------
-# Candidates computed on a Dask cluster: workers may come, go and die, and every candidate comes back once.
+# Evaluation on a Dask cluster: workers may join, leave and fail; every candidate is returned once.
 
 
-_CLUSTER_MOST = 8  #: candidates in one job: more would wait for each other at the end
-_CLUSTER_SHARES = 4  #: jobs for each thread, unless that makes them longer than `_MOST`
+_MAX_JOB_CANDIDATES = 8  #: candidates per job at most, for load balance at the end
+_JOBS_PER_THREAD = 4  #: jobs per thread, unless they would exceed `_MAX_JOB_CANDIDATES`
 
 Part = tuple[bytes, tuple[tuple[int, dict[str, Value]], ...]]
 
 
 @contextmanager
 def open_cluster_workers(design: Design, address: str) -> Iterator[ClusterWorkers]:
-    """The workers of the Dask scheduler at `address`, such as tcp://127.0.0.1:8786, for the candidates of `design`.
+    """Workers of the Dask scheduler at `address`, such as tcp://127.0.0.1:8786, for the candidates of `design`.
 
     Raises InputError if nothing answers there, if it has no workers, or if they have other versions than this computer.
     """
@@ -451,28 +455,28 @@ def open_cluster_workers(design: Design, address: str) -> Iterator[ClusterWorker
 
 @final
 class ClusterWorkers:
-    """What computes candidates on a cluster, as `Workers` does on this computer.
+    """Evaluation on a cluster, as `ProcessWorkers` does on this computer.
 
     client  of dask.distributed, open
     """
 
     def __init__(self, client: Any, design: Design) -> None:
         self._client = client
-        self._packed = pickle_with_code(design)  # an objective of the user's own comes with its code
+        self._packed = pickle_with_code(design)  # includes the code of a user's own objective
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
-        """The evaluation of each candidate (number, values), each once, as they arrive.
+        """Evaluate each candidate (number, values) once; yields as they arrive.
 
         Raises InputError when the cluster fails; what came before is good.
         """
         todo = [(number, dict(values)) for number, values in jobs]
-        size = max(1, min(_CLUSTER_MOST, len(todo) // (_CLUSTER_SHARES * max(1, count_threads(self._client)))))
+        size = max(1, min(_MAX_JOB_CANDIDATES, len(todo) // (_JOBS_PER_THREAD * max(1, count_threads(self._client)))))
         parts: list[Part] = [(self._packed, tuple(todo[k : k + size])) for k in range(0, len(todo), size)]
         after = "results are kept; repeat the command to continue"
         killers: list[Part] = []
 
         def refuse(part: Part) -> Sequence[Evaluation]:
-            """Of a part that ends its workers, each candidate is computed alone; one that ends them alone is out."""
+            """Retry the candidates of a job that ended its workers one by one; reject one that does so alone."""
             _, jobs = part
             if len(jobs) == 1:
                 number, values = jobs[0]
@@ -487,7 +491,7 @@ class ClusterWorkers:
 
 
 def evaluate_part(part: Part) -> Sequence[Evaluation]:
-    """What a worker does: the design as it was packed, and some of its candidates."""
+    """Worker function: unpack the design, evaluate some of its candidates."""
     packed, jobs = part
     design = _unpack(packed)
     return [evaluate(design, number, values) for number, values in jobs]

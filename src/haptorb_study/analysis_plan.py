@@ -6,8 +6,9 @@ has one of its own, which every session keeps. A plan that changes after the fir
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from hashlib import sha256
-from typing import Annotated, Any, Protocol, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -114,16 +115,6 @@ class AnalysisPlan(Part):
         return next((test for test in self.tests if (test.measure, set(test.between or ())) == wanted), None)
 
 
-class _WithConditions(Protocol):
-    """-"""
-
-    @property
-    def procedure(self) -> str: ...
-
-    @property
-    def conditions(self) -> Any: ...
-
-
 def unit_of(measure: str, level_unit: str) -> str:
     """Unit of `measure`; empty for shares, ratings and plain numbers.
 
@@ -133,21 +124,21 @@ def unit_of(measure: str, level_unit: str) -> str:
     return level_unit if measure in ("threshold", "midpoint") else _UNITS.get(measure, "")
 
 
-def check_plan(study: _WithConditions, plan: AnalysisPlan | None) -> None:
+def check_plan(procedure: str, conditions: Sequence[str], plan: AnalysisPlan | None) -> None:
     """Raise ValueError unless `procedure` and `conditions` permit every test of `plan`."""
-    known, names = MEASURES.get(study.procedure, ()), [condition.name for condition in study.conditions]
+    known = MEASURES.get(procedure, ())
     for number, test in enumerate(plan.tests if plan else (), 1):
         where = f"plan.tests, number {number}:"
         if test.measure not in known:
             raise ValueError(
-                f"{where} procedure '{study.procedure}' has no measure '{test.measure}'; known: {', '.join(known)}"
+                f"{where} procedure '{procedure}' has no measure '{test.measure}'; known: {', '.join(known)}"
             )
         if test.between is None and test.measure not in CLAIMS:
             raise ValueError(
-                f"{where} '{test.measure}' needs between = [condition, condition]; known: {', '.join(names)}"
+                f"{where} '{test.measure}' needs between = [condition, condition]; known: {', '.join(conditions)}"
             )
         for name in test.between or ():
-            if name not in names:
-                raise ValueError(f"{where} there is no condition '{name}'; known: {', '.join(names)}")
+            if name not in conditions:
+                raise ValueError(f"{where} there is no condition '{name}'; known: {', '.join(conditions)}")
         if test.between is not None and test.between[0] == test.between[1]:
             raise ValueError(f"{where} a condition cannot be compared with itself ('{test.between[0]}')")

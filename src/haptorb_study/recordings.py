@@ -4,33 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Protocol
 
 from haptorb.sql import url_of
-from haptorb_study.study_file import Study
+from haptorb_study.stored_session import StoredSession
 
-__all__ = ["RecordedSession", "find_recording_path", "folder_of", "locate_recording", "name_parts", "name_recording"]
+__all__ = ["find_recording_path", "folder_of", "locate_recording", "name_parts", "name_recording"]
 
 _NAME = re.compile(r"(?P<study>.+)-session-(?P<session>[0-9]+)-trial-(?P<trial>[0-9]+)(-[0-9]+)?")
-
-
-class RecordedSession(Protocol):
-    """Attributes that a recording is named after."""
-
-    @property
-    def study(self) -> Study:
-        """The study."""
-        ...
-
-    @property
-    def id(self) -> int:
-        """Number of the session in its database."""
-        ...
-
-    @property
-    def number(self) -> int:
-        """Number of the next trial, from 0."""
-        ...
 
 
 def folder_of(place: str | Path) -> Path:
@@ -49,13 +29,13 @@ def name_recording(folder: Path, study: str, session: int, trial: int) -> Path:
     return path
 
 
-def find_recording_path(place: str | Path, session: RecordedSession) -> Path:
+def find_recording_path(place: str | Path, session: StoredSession) -> Path:
     """Unused path for a recording of `session` from its next trial on, for the database at `place`."""
     return name_recording(folder_of(place), session.study.name, session.id, session.number + 1)
 
 
 def name_parts(recording: Path) -> dict[str, str]:
-    """Session and first trial from the name of a recording; None for other names.
+    """Session and first trial from the name of a recording; empty for other names.
 
     >>> name_parts(Path("dome-session-3-trial-12.mcap"))
     {'session': '3', 'first_trial': '12'}

@@ -11,9 +11,8 @@ The layer's clock is this computer's monotonic one, and so is the loop's: stamps
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -21,9 +20,11 @@ from haptorb.errors import InputError
 from haptorb.runtime.trackers.lsl import THIS_COMPUTER
 
 if TYPE_CHECKING:
+    import pylsl
+
     from haptorb.runtime.servo import Servo
 
-__all__ = ["MARKERS", "POSE", "REACHES", "StreamOutlet", "Streams", "open_streams"]
+__all__ = ["MARKERS", "POSE", "REACHES", "Streams", "open_streams"]
 
 MARKERS, POSE = "haptorb-markers", "haptorb-pose"
 REACHES = ("computer", "network")  #: visibility of the streams
@@ -31,23 +32,11 @@ _CHANNELS = ("x", "y", "z", "qx", "qy", "qz", "qw", "valid")
 _UNITS = ("m", "m", "m", "1", "1", "1", "1", "1")
 
 
-class StreamOutlet(Protocol):
-    """Interface of an LSL outlet."""
-
-    def push_sample(self, x: Sequence[str], timestamp: float = ...) -> None:
-        """Send one sample."""
-        ...
-
-    def push_chunk(self, x: Any, timestamp: Any = ...) -> None:
-        """Send samples (n, channels), each with its time."""
-        ...
-
-
 @final
 class Streams:
     """Both streams. `offset` from this computer's monotonic clock to the LSL clock [s]."""
 
-    def __init__(self, markers: StreamOutlet, pose: StreamOutlet, offset: float = 0.0) -> None:
+    def __init__(self, markers: pylsl.StreamOutlet, pose: pylsl.StreamOutlet, offset: float = 0.0) -> None:
         self._markers, self._pose, self._offset = markers, pose, offset
         self._servo: Servo | None = None
         self._cursor = 0

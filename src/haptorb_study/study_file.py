@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
@@ -45,41 +44,7 @@ __all__ = ["Study", "check_levels", "check_study", "list_older", "read_study", "
 # Consistency of a study: levels for its procedure, and worlds that its device can render.
 
 
-class _Study(Protocol):
-    """-"""
-
-    @property
-    def world(self) -> str: ...
-
-    @property
-    def procedure(self) -> str: ...
-
-    @property
-    def model(self) -> str | None: ...
-
-    @property
-    def parameters(self) -> dict[str, Any]: ...
-
-    @property
-    def conditions(self) -> Sequence[Condition]: ...
-
-    @property
-    def levels(self) -> Levels | None: ...
-
-    @property
-    def own_world(self) -> World | None: ...
-
-    @property
-    def points(self) -> tuple[SetPoint, ...]: ...
-
-    def load_device(self) -> SphericalElectromagnet: ...
-
-    def model_on(self, device: SphericalElectromagnet) -> str | None: ...
-
-    def make_world(self, condition: str, number: int = 0, level: float | None = None) -> World: ...
-
-
-def check_levels(study: _Study) -> None:
+def check_levels(study: Study) -> None:
     """Raise ValueError unless [levels] fit the procedure."""
     levels = study.levels
     if levels is None:
@@ -98,7 +63,7 @@ def check_levels(study: _Study) -> None:
         raise ValueError("a staircase needs levels.start between levels.least and levels.most")
 
 
-def check_study(study: _Study) -> None:
+def check_study(study: Study) -> None:
     """Raise InputError unless the device can render every condition, level and set-point."""
     kind = worlds.find_world(study.world) if study.own_world is None else type(study.own_world)
     for condition in study.conditions:
@@ -260,7 +225,7 @@ class Study(Part):
             )
         if self.procedure == "forced-choice" and len(names) < 2:
             raise ValueError("a forced choice needs at least two conditions to choose between")
-        check_plan(self, self.plan)
+        check_plan(self.procedure, names, self.plan)
         return self
 
     @property

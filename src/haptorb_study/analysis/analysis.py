@@ -28,7 +28,6 @@ from haptorb_study.analysis.curves import ConditionCurves, fit_curves
 from haptorb_study.analysis.error_by_latitude import LatitudeError, measure_rings
 from haptorb_study.analysis.localisation import Localisation, localise
 from haptorb_study.analysis.magnitude import MagnitudeScale, estimate_magnitudes, list_magnitudes
-from haptorb_study.analysis.number_format import json_number
 from haptorb_study.analysis.plan_report import PlanReport, SessionPlan, find_plan, report_plan
 from haptorb_study.analysis.response_times import ResponseTime, find_response_times, list_response_times
 from haptorb_study.analysis.tracks import ConditionTracks, fit_tracks
@@ -36,6 +35,7 @@ from haptorb_study.columns import Columns, read_study, select_kind, tidy
 from haptorb_study.copies import Kind
 from haptorb_study.database import database, participants, sessions
 from haptorb_study.incidents import Incident, list_incidents
+from haptorb_study.json_values import json_number, to_json
 from haptorb_study.registration import Registration
 from haptorb_study.study_file import Study
 
@@ -187,7 +187,7 @@ class Analysis(NotebookReport):
         if self.means:
             found["condition_means"] = list_condition_means(self.means)
         if self.rings:
-            found["error_mm"] = [_to_json(ring) for ring in self.rings]
+            found["error_mm"] = [to_json(vars(ring)) for ring in self.rings]
         if self.curves:
             found["curves"] = {name: one.numbers() for name, one in self.curves.items()}
         if self.curves or self.tracks or self.magnitudes:
@@ -196,7 +196,7 @@ class Analysis(NotebookReport):
         if self.tracks:
             found["thresholds"] = {name: one.numbers() for name, one in self.tracks.items()}
         if self.scores:
-            found["ratings"] = {name: _to_json(one) for name, one in self.scores.items()}
+            found["ratings"] = {name: to_json(vars(one)) for name, one in self.scores.items()}
         if self.chosen:
             found["choices"] = [
                 {"a": a, "b": b, "a_chosen": k, "of": n, "interval_95": list(w)}
@@ -280,11 +280,6 @@ def _list_empty_conditions(study: Study, main: Columns) -> list[str]:
         return []
     met = set(main["condition"].tolist())
     return [f"condition '{one.name}': no answers yet" for one in study.conditions if one.name not in met]
-
-
-def _to_json(row: Any) -> dict[str, Any]:
-    """The fields of `row` as plain JSON types; NaN and infinity become None."""
-    return {key: json_number(value) if isinstance(value, float) else value for key, value in vars(row).items()}
 
 
 def analysis_of(

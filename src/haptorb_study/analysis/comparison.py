@@ -13,6 +13,7 @@ import numpy as np
 from haptorb_study.analysis.measures import PersonMeasures, PersonValues, Thresholds
 from haptorb_study.analysis_plan import CLAIMS, MEASURES, AnalysisPlan, unit_of
 from haptorb_study.columns import Columns
+from haptorb_study.json_values import to_json
 from haptorb_study.statistics.effect_size import EffectSize, effect_size
 from haptorb_study.statistics.intervals import mean_interval, share_interval, wilson
 from haptorb_study.statistics.significance import PairTest, compute_p, correct_p
@@ -59,7 +60,7 @@ class ConditionComparison:
         found = {key: value for key, value in vars(self).items() if key != "effect"}
         if self.effect is not None:
             found |= asdict(self.effect)
-        return {key: _conditions_make_plain(value) for key, value in found.items()}
+        return {key: to_json(value) for key, value in found.items()}
 
 
 @dataclass(frozen=True)
@@ -151,9 +152,3 @@ def compare_values(
         measure, unit, a, b, float(d.mean()), float(low), float(high), len(d), float(compute_p(d, test)), test=test,
         effect=effect_size(d, values.spread),
     )  # fmt: skip
-
-
-def _conditions_make_plain(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_conditions_make_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -14,6 +14,7 @@ from haptorb_study.analysis.measures import PersonMeasures
 from haptorb_study.analysis.number_format import format_range, format_value
 from haptorb_study.analysis_plan import CLAIMS, MEASURES, unit_of
 from haptorb_study.columns import Columns
+from haptorb_study.json_values import to_json
 from haptorb_study.statistics.intervals import mean_interval, share_interval
 from haptorb_study.study_file import Study
 
@@ -65,10 +66,7 @@ def average_conditions(study: Study, main: Columns, people: Sequence[str]) -> tu
 
 def list_condition_means(means: tuple[ConditionMean, ...]) -> list[dict[str, Any]]:
     """As plain JSON types; NaN and infinity become None."""
-    return [
-        {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in found.items()}
-        for found in map(asdict, means)
-    ]
+    return [to_json(asdict(one)) for one in means]
 
 
 def make_condition_table(means: tuple[ConditionMean, ...]) -> TextTable:

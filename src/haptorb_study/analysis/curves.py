@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from haptorb_study.columns import Columns
+from haptorb_study.json_values import json_number
 from haptorb_study.statistics.person_fit import REVERSED, PersonFit, fit_person
 from haptorb_study.statistics.population import NormalEffect, Population, fit_group
 from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve, count_by_level
@@ -97,10 +98,10 @@ class ConditionCurves:
             low, high = self.group_jnd_95
             found["group"] = {
                 "people": group.people, "middle": effect_numbers(group.threshold), "log_spread": effect_numbers(spread),
-                "spread": _to_json(self.group_spread),
-                "spread_95": [_to_json(low / JND), _to_json(high / JND)],
-                "jnd_75_percent": _to_json(JND * self.group_spread),
-                "jnd_75_percent_95": [_to_json(low), _to_json(high)], "lapse": group.lapse,
+                "spread": json_number(self.group_spread),
+                "spread_95": [json_number(low / JND), json_number(high / JND)],
+                "jnd_75_percent": json_number(JND * self.group_spread),
+                "jnd_75_percent_95": [json_number(low), json_number(high)], "lapse": group.lapse,
                 "by_slope": group.by_slope,
             }  # fmt: skip
         return found
@@ -110,13 +111,10 @@ def effect_numbers(effect: NormalEffect) -> dict[str, Any]:
     """Population mean and standard deviation as plain JSON types; an open limit is None."""
     closed = all(map(math.isfinite, effect.mean_95))
     return {
-        "mean": _to_json(effect.mean if closed else math.nan), "mean_95": [_to_json(end) for end in effect.mean_95],
-        "between_people_sd": _to_json(effect.sd), "between_people_sd_95": [_to_json(end) for end in effect.sd_95],
+        "mean": json_number(effect.mean if closed else math.nan),
+        "mean_95": [json_number(end) for end in effect.mean_95],
+        "between_people_sd": json_number(effect.sd), "between_people_sd_95": [json_number(end) for end in effect.sd_95],
     }  # fmt: skip
-
-
-def _to_json(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def fit_curves(

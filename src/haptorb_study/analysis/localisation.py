@@ -13,6 +13,7 @@ from haptorb.arrays import Array
 from haptorb_study.analysis.answer_directions import answer_directions, answer_numbers, index_set_points
 from haptorb_study.analysis.measures import PersonMeasures, measure_upward
 from haptorb_study.columns import Columns
+from haptorb_study.json_values import to_json
 from haptorb_study.statistics.information import Information, transfer_information
 from haptorb_study.statistics.intervals import mean_interval
 from haptorb_study.statistics.significance import compute_p
@@ -77,7 +78,7 @@ class Localisation:
 
     def numbers(self) -> dict[str, Any]:
         """As plain JSON types; NaN and infinity become None."""
-        found: dict[str, Any] = _localisation_make_plain(
+        found: dict[str, Any] = to_json(
             {
                 "answers": self.answers,
                 "error_deg": [asdict(axis) for axis in self.axes],
@@ -166,11 +167,3 @@ def _inform(study: Study, main: Columns, known: Any, index: Any, people: int) ->
 def _finite_mean(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else math.nan
-
-
-def _localisation_make_plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _localisation_make_plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_localisation_make_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

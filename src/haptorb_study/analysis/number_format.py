@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["format_p", "format_percent", "format_range", "format_value", "json_number"]
+__all__ = ["format_p", "format_percent", "format_range", "format_value"]
 
 
 def format_value(value: float, form: str, scale: float = 1.0) -> str:
@@ -51,7 +51,3 @@ def format_percent(share: float) -> str:
     ('12.5 %', '–')
     """
     return "–" if not math.isfinite(share) else f"{100 * share:.1f} %"
-
-
-def json_number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

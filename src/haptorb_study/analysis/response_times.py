@@ -15,8 +15,9 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.terminal import Column, TextTable
-from haptorb_study.analysis.number_format import format_range, format_value, json_number
+from haptorb_study.analysis.number_format import format_range, format_value
 from haptorb_study.columns import Columns
+from haptorb_study.json_values import json_number
 from haptorb_study.statistics.intervals import mean_interval
 from haptorb_study.study_file import Study
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from select import select
 from threading import RLock
-from typing import Any, Protocol, final
+from typing import TYPE_CHECKING, Any, final
 from uuid import uuid4
 
 from haptorb.arrays import Array
@@ -26,11 +26,13 @@ from haptorb.recording.row import RowLayout
 from haptorb_study.feel.designs import Candidate, Candidates
 from haptorb_study.feel.session import FELT, SCORES, DesignRating, FeelSession, Trace, check_person, is_felt, trace_rows
 
+if TYPE_CHECKING:
+    from haptorb.runtime.servo import Servo
+
 __all__ = [
     "HELP",
     "MIN_GAIN",
     "DesignPanel",
-    "FeltServo",
     "LiveFeeling",
     "LiveSession",
     "ScaleLimits",
@@ -55,27 +57,6 @@ _MAX_TRACE_TICKS = 600_000  #: ticks recorded of one presentation: ten minutes
 def world_key(number: int) -> str:
     """Name of the world of design `number` (from 0) in the session's servo; never the name of a catalogue world."""
     return f"design {number}"
-
-
-class FeltServo(Protocol):
-    """Interface of a servo that a session uses."""
-
-    @property
-    def layout(self) -> RowLayout:
-        """Layout of a row."""
-        ...
-
-    def rows(self, cursor: int = 0) -> tuple[int, Array]:
-        """All rows (n, width) since `cursor`, and the new cursor."""
-        ...
-
-    def set_world(self, name: str, values: Mapping[str, Any] | None = None) -> None:
-        """Set the world; returns when the servo has accepted it."""
-        ...
-
-    def set_torque_scale(self, scale: float) -> None:
-        """Scale all torques of the handle by `scale`."""
-        ...
 
 
 @dataclass
@@ -234,7 +215,7 @@ class LiveSession:
         self._random = random.Random(seed)
         self._lock = RLock()
         self._orders: dict[str, list[Candidate]] = {}  # by person
-        self._servo: FeltServo | None = None
+        self._servo: Servo | None = None
         self._cursor = 0
         self._felt = TraceCollector()
         self._blind = blind
@@ -436,7 +417,7 @@ class LiveSession:
 
     # servo
 
-    def attach(self, servo: FeltServo) -> None:
+    def attach(self, servo: Servo) -> None:
         """Attach `servo`, which renders `current` and has all designs by their `world_key`."""
         self._servo = servo
 

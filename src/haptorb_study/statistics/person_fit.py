@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
+from haptorb_study.json_values import json_number
 from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
 from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES, PsychometricGrid
 from haptorb_study.statistics.slope_likelihood import MAX_LAPSE_RATE, SlopeLikelihood
@@ -74,12 +75,12 @@ class PersonFit:
         curve = self.curve
         return {
             "trials": self.trials,
-            "middle": _to_json(self.middle), "middle_95": [_to_json(end) for end in self.middle_95],
-            "spread": _to_json(self.spread), "spread_95": [_to_json(end) for end in self.spread_95],
-            "jnd_75_percent": _to_json(0.6745 * self.spread),
-            "guess": _to_json(curve.guess), "guess_95": [_to_json(end) for end in self.guess_95],
-            "lapse": _to_json(curve.lapse), "lapse_95": [_to_json(end) for end in self.lapse_95],
-            "deviance": _to_json(self.deviance), "p_fit": _to_json(self.p_fit), "notes": list(self.notes),
+            "middle": json_number(self.middle), "middle_95": [json_number(end) for end in self.middle_95],
+            "spread": json_number(self.spread), "spread_95": [json_number(end) for end in self.spread_95],
+            "jnd_75_percent": json_number(0.6745 * self.spread),
+            "guess": json_number(curve.guess), "guess_95": [json_number(end) for end in self.guess_95],
+            "lapse": json_number(curve.lapse), "lapse_95": [json_number(end) for end in self.lapse_95],
+            "deviance": json_number(self.deviance), "p_fit": json_number(self.p_fit), "notes": list(self.notes),
         }  # fmt: skip
 
 
@@ -190,7 +191,3 @@ def _quantiles(edges: Array, mass: Array) -> Interval:
     sums = np.append(0.0, np.cumsum(mass)) / mass.sum()
     low, high = np.interp((0.025, 0.975), sums, edges)
     return float(low), float(high)
-
-
-def _to_json(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata
 
-from haptorb_design.analysis import FEWEST, choose_best, estimate_sensitivity, find_front
+from haptorb_design.analysis import MIN_DESIGNS, choose_best, estimate_sensitivity, find_front
 
 
 @pytest.mark.parametrize(("count", "objectives"), [(1, 2), (200, 1), (300, 2), (300, 3)])
@@ -81,5 +81,5 @@ def test_a_choice_has_a_share_and_no_direction_and_outliers_decide_nothing():
     assert found.share > 0.8
     assert found.direction is None
     assert estimate_sensitivity(other, objective).share < 0.2
-    same = estimate_sensitivity(np.ones(FEWEST), generator.uniform(size=FEWEST))
+    same = estimate_sensitivity(np.ones(MIN_DESIGNS), generator.uniform(size=MIN_DESIGNS))
     assert (same.share, same.share_interval, same.direction) == (0.0, (0.0, 0.0), 0.0)
