@@ -122,8 +122,8 @@ def _order_front(costs: Array, names: Sequence[str], count: int) -> list[tuple[i
 # --------------------------------------------------------------------------------------------------
 # Sensitivity of an objective to each parameter, from the evaluated designs, with confidence intervals.
 #
-# share      correlation ratio of the objective's ranks on the parameter: share of the variance of the ranks explained by
-#            the parameter, Var(E[R|x]) / Var(R). It is Sobol's first-order index of the ranks, and detects an optimum
+# share      correlation ratio of the objective's ranks on the parameter: share of the variance of the ranks explained
+#            by it, Var(E[R|x]) / Var(R). It is Sobol's first-order index of the ranks, and detects an optimum
 #            within the range, which a slope does not. The parameter is divided into bins with equal counts; the share
 #            expected by chance is subtracted (adjusted: Kelley's ε²).
 # direction  Spearman's rank correlation: +1, the objective grows with the parameter; −1, it falls. None for choices.
