@@ -21,7 +21,7 @@ __all__ = ["MIN_DESIGNS", "RULES", "Pick", "Sensitivity", "choose_best", "estima
 def find_front(costs: Array) -> NDArray[np.int_]:
     """Rows (k,), ascending, of `costs` (n, m) on the Pareto front of a minimisation.
 
-    A row is on the front if no other row is at most as large in every column and smaller in one. Equal rows are both.
+    A row is on the front if no other row is at most as large in every column and smaller in one. Equal rows both are.
 
     >>> find_front(np.array([[1.0, 3.0], [2.0, 2.0], [2.0, 3.0], [3.0, 1.0]])).tolist()
     [0, 1, 3]
@@ -65,8 +65,8 @@ class Pick:
 def choose_best(costs: Array, places: Array, names: Sequence[str], count: int = 5) -> tuple[Pick, ...]:
     """At most `count` rows of `costs`, picked by `RULES`.
 
-    costs   (n, m) objectives, each to be made small [any unit]
-    places  (n, p) parameters as shares of their ranges, 0 to 1; choices as whole numbers
+    costs   (n, m) objectives to be minimised [any unit]
+    places  (n, p) parameters relative to their ranges, 0 to 1; choices as whole numbers
     names   of the m objectives
 
     >>> costs, places = np.array([[3.0], [1.0], [1.01], [2.0]]), np.array([[0.0], [0.5], [0.51], [1.0]])

@@ -1,7 +1,7 @@
 """Chooser: a page of designs; the chosen one runs on a simulated servo with a console of its own.
 
-The servo starts and ends in the thread that calls `serve`, as `haptorb run` has it; a thread of its own answers the
-chooser's page. Every device starts with its coils off: engage them in the console.
+The servo starts and ends in the thread that calls `serve`, as in `haptorb run`; another thread serves the page. Every
+device starts with its coils off: engage them in the console.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _NO_ROW = -2  #: no row
 class Selection:
     """The requested design and the running one. Its methods may be called from any thread.
 
-    count   of the rows that can be chosen
+    count   number of rows
     """
 
     def __init__(self, count: int) -> None:
@@ -60,7 +60,8 @@ class Selection:
     def choose(self, row: Any) -> None:
         """Request the design in `row`, or the base device.
 
-        InputError if there is none such, or while another starts. The coils of the device that runs go off at once.
+        InputError for an invalid row, or while another device starts. The running device's coils are switched off at
+        once.
         """
         if type(row) is not int or not BASE <= row < self._count:
             raise InputError(f"a row must be a whole number from {BASE} (base device) to {self._count - 1}")
@@ -206,8 +207,8 @@ class Chooser:
             print(chooser.url)
             chooser.serve()
 
-    port   0 takes any free one
-    Raises InputError for a port that cannot be had, or pages that are not built.
+    port   0: any free port
+    Raises InputError for a port that is not available, or pages that are not built.
     """
 
     def __init__(self, table: ResultsTable, port: int = PORT) -> None:
@@ -232,7 +233,7 @@ class Chooser:
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (returns the signal's number), or for `until` seconds.
 
-        `say` is called for every device that starts, or cannot. Signals are received only in the main thread.
+        `say` is called for every device that starts or fails to. Signals are received in the main thread only.
         """
         end = float("inf") if until is None else monotonic() + until
         self._thread.start()

@@ -64,15 +64,15 @@ def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalua
     design : Design
         The design.
     number : int
-        Place of the candidate in its run.
+        Number of the candidate in its run.
     values : Mapping
         Parameter → value.
 
     Returns
     -------
     Evaluation
-        Objectives and constraints; or, if the values make no device, break a constraint, or a quantity cannot be
-        computed, the reason of the rejection.
+        Objectives and constraints; or the reason of the rejection: invalid device, violated constraint, or a
+        quantity that cannot be computed.
     """
     with _find_pools(len(sys.modules)).limit(limits=1):  # results must not depend on the number of cores
         return _evaluate(design, number, values)

@@ -1,6 +1,6 @@
 """Genetic operators of pymoo for parameters with steps and unordered choices.
 
-pymoo's own operators for real numbers hardly ever leave a step or a choice: their changes are smaller than it.
+pymoo's operators for real numbers rarely leave a step or a choice, since their changes are smaller.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Snap(Repair):  # type: ignore[misc]
 class NewOnly(DuplicateElimination):  # type: ignore[misc]
     """Removes candidates that the run had before.
 
-    old  bytes of the points of the run so far; who asks for candidates adds to it
+    old  bytes of the points of the run so far; extended by the optimiser
     """
 
     def __init__(self) -> None:

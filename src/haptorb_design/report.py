@@ -52,7 +52,7 @@ _FIGURE_DPI = 90  #: resolution [dots per inch]
 def draw_beside(device: Device, base: Device) -> bytes:
     """PNG image: sections above, views in three dimensions below, `device` on the left, `base` on the right.
 
-    One millimetre is as long in both. InputError for a kind of device without geometry.
+    Both have the same scale. InputError for a kind of device without geometry.
     """
     from matplotlib.figure import Figure
 
@@ -105,8 +105,8 @@ class BestDesign:
 
     row      of the results table
     text     the device file, for `haptorb run` and every other command
-    card     what `haptorb inspect` prints of it; or why it has none
-    drawing  PNG, beside the base device; empty for a kind of device without geometry
+    card     output of `haptorb inspect`, or why there is none
+    drawing  PNG, with the base device; empty for a kind of device without geometry
     """
 
     row: int
@@ -445,10 +445,10 @@ def write_report(
     """Write the report of `results`, a file or database, to the HTML file `output`; returns all paths written.
 
     The `count` best designs are written beside it, as NAME.toml for `haptorb run`; all files or none. `report` is
-    called with what is done now, how many steps were done, and of how many.
+    called with the current step, the number of steps done, and their total.
 
-    Raises RecordingError for results that cannot be read, InputError for an output that cannot be written: a device
-    file from elsewhere stays.
+    Raises RecordingError for results that cannot be read, InputError for an output that cannot be written: a foreign
+    device file is not replaced.
     """
     if not 1 <= count <= MAX_BEST_DESIGNS:
         raise InputError(f"the number of best designs must be from 1 to {MAX_BEST_DESIGNS}; got {count}")

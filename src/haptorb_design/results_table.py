@@ -33,7 +33,7 @@ __all__ = ["Refusals", "ResultsColumn", "ResultsTable", "Tally", "compute_base",
 def compute_base(design: Design) -> tuple[dict[str, float], dict[str, float]]:
     """Objectives and constraints of the base device, by name [SI]; NaN if it has no such value.
 
-    What the results do not say is computed; of a user's own function that cannot be done without its file.
+    Missing values are computed; those of a user's own function need its file.
     """
     values = compute_base_values(design) if design.base_values is None else design.base_values
     goals = {goal.name: values.get(f"objectives.{goal.name}", math.nan) for goal in design.goals}
@@ -73,10 +73,10 @@ class ResultsColumn:
     """One quantity of every valid design.
 
     kind    "parameter", "objective" or "constraint"
-    unit    in which `values` (n,) and `base` are, with its prefix
-    sense   1: to be made great; -1: to be made small; 0: neither
-    labels  of a choice, whose values are places in this tuple; empty for a number
-    base    the base device's own; NaN if it has none
+    unit    of `values` (n,) and `base`, with its prefix
+    sense   1: maximise; -1: minimise; 0: neither
+    labels  of a choice, whose values are indices into this tuple; empty for a number
+    base    value of the base device; NaN if it has none
     """
 
     name: str
@@ -115,12 +115,12 @@ class ResultsTable:
     """The valid designs, row by row, and counts of the others.
 
     found      (run, evaluation) of each row
-    total      designs that were computed, rejected ones included
+    total      evaluated designs, with rejected ones
     columns    parameters, objectives, constraints
     front      rows of the Pareto front
-    picks      rows that were chosen to be looked at, the first one first
-    refusals   by whom designs were rejected, the most frequent first
-    remark     how the base device's forces are computed, if not as those of the designs; else empty
+    picks      picked rows, in order
+    refusals   rejections by constraint, the most frequent first
+    remark     model of the base device's forces, if it differs from the designs'; else empty
     """
 
     design: Design
@@ -358,7 +358,7 @@ _STORING_INTERVAL_FACTOR = 20.0  #: storing takes at most 1/20 of the time
 def store_candidates(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int) -> Tally:
     """Store the candidates `found` in a run of `total`; returns the tally, with earlier candidates.
 
-    If it ends early, also by ^C, what was computed until then is stored.
+    If it ends early, also by ^C, all candidates computed so far are stored.
     """
     known = [one for number, one in writer.list_known().items() if number < total]
     tally = Tally(design, known)

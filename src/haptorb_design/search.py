@@ -2,11 +2,11 @@
 
 Several objectives: NSGA-II (Deb et al. 2002). One objective: differential evolution (Storn and Price 1997): a child
 takes nine tenths of its parameters from the best so far plus 0.7 of the difference of two others, and one in ten is
-changed besides. So is a child that the run had before, until it is new: near the end most are, and small generations
-would leave workers idle and take long to replay. A valid candidate replaces a rejected one, and of two rejected ones
-the one nearer to being valid stays (Deb 2000). NSGA-II with one objective stops short of the best if several
-constraints are active. Where no parameter is a continuous range, differences lead to what was tried before, and
-NSGA-II serves for one objective too.
+changed besides. Duplicates of earlier candidates are also changed until they are new: near the end most are duplicates,
+and small generations would leave workers idle and take long to replay. A valid candidate replaces a rejected one, and
+of two rejected ones the one nearer to being valid stays (Deb 2000). NSGA-II with one objective stops short of the best
+if several constraints are active. Where no parameter is a continuous range, differences lead to what was tried before,
+and NSGA-II serves for one objective too.
 """
 
 from __future__ import annotations
@@ -150,13 +150,12 @@ def optimise(
 ) -> Iterator[Evaluation]:
     """Evaluate candidates 0 to `count` - 1 of a run, except those in `known`; yields each as it arrives.
 
-    optimiser  that was not asked before
-    evaluate   computes (number, values) of a generation, in any order
-    known      number → what an earlier run of the same design, seed and population stored
+    optimiser  new
+    evaluate   evaluates (number, values) of a generation, in any order
+    known      number → stored evaluation of an earlier run with the same design, seed and population
 
     The optimiser is replayed with the stored evaluations, so that an interrupted run continues as an uninterrupted one.
-    Ends early where nothing new can be found. Raises RecordingError where what is known does not come from this
-    optimiser.
+    Ends early if nothing new can be found. Raises RecordingError if the known evaluations are not of this optimiser.
     """
     while (jobs := optimiser.ask()) and jobs[0][0] < count:
         wanted = [(number, values) for number, values in jobs if number < count]

@@ -25,8 +25,8 @@ class SearchSpace:
     """Mapping between points of the unit cube and parameter values.
 
     parameters  in the order of the cube's axes
-    levels      of each parameter, (p,) int: 0 continuous, otherwise how many steps or choices it has
-    free        of each parameter, (p,) bool: a choice, whose levels have no order
+    levels      (p,) int number of steps or choices of each parameter; 0: continuous
+    free        (p,) bool: an unordered choice
     """
 
     def __init__(self, parameters: Sequence[DesignParameter]) -> None:
@@ -72,9 +72,9 @@ def _value_at(parameter: DesignParameter, levels: int, place: float) -> Value:
 def measure_violation(evaluation: Evaluation, bounds: Sequence[Bound]) -> float:
     """0 for a valid candidate; otherwise the sum over the constraints, each from 0 (satisfied) to 1 (not computed).
 
-    A constraint that misses its bound by d counts d / (d + |bound|), or d / (d + 1) where the bound is 0. One that was
-    not computed counts 1, and so does an objective without a finite number. A device that cannot be built misses all
-    of them, and is the nearer the less its parts lack of their limits; values that form no device are the farthest.
+    A constraint violated by d counts d / (d + |bound|), or d / (d + 1) where the bound is 0. One that was not computed
+    counts 1, as does an objective without a finite value. A device that cannot be built violates all of them, the less
+    the closer its parts are to their limits; values that form no device are the worst.
     """
     if evaluation.valid:
         return 0.0

@@ -175,7 +175,7 @@ _RESULTS = TableSet("results of a design", FileKind.RESULTS, _tables, versions, 
 def open_database(place: str | Path, *, make: bool) -> Engine:
     """Open the database at `place`; RecordingError if it cannot be reached, is newer, or is not a results database.
 
-    With `make` false one that is not there is refused rather than made.
+    With `make` false a missing database is refused instead of created.
     """
     path = path_of(place)
     if path is not None:
@@ -284,7 +284,7 @@ def _require(fits: bool, what: str, found: Any) -> None:
 class Run:
     """One sweep or optimisation, with the settings that determine the values of a number.
 
-    settings  what does beside method and seed, such as the count of a Latin hypercube
+    settings  other than method and seed, such as the count of a Latin hypercube
     started   UTC, ISO 8601
     """
 
@@ -344,7 +344,7 @@ class ResultsWriter:
     def add(self, found: Iterable[Evaluation]) -> None:
         """Store `found`, all or none; numbers already stored remain unchanged.
 
-        Raises RecordingError if the database cannot take them: what was stored before is kept.
+        Raises RecordingError if they cannot be stored; earlier ones are kept.
         """
         new = {one.number: one for one in found if one.number not in self._known}
         if not new:

@@ -60,7 +60,7 @@ class Workers(Protocol):
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """Evaluate each candidate once; yields in any order.
 
-        Raises InputError when the workers fail; what came before is good.
+        Raises InputError when the workers fail; earlier evaluations are valid.
         """
         ...
 
@@ -105,8 +105,8 @@ def open_processes(
 
     limit  processor time after which a candidate is rejected [s]
 
-    With one, candidates of a design without a function of the user's own are computed in this process. An exception in
-    the block, ^C too, ends them at once.
+    With one, candidates of a design without a user's function are evaluated in this process. An exception in the block,
+    also ^C, ends the processes at once.
     """
     many = count_cores() if processes is None else processes
     if not 1 <= many <= 1000:
@@ -447,7 +447,7 @@ Part = tuple[bytes, tuple[tuple[int, dict[str, Value]], ...]]
 def open_cluster_workers(design: Design, address: str) -> Iterator[ClusterWorkers]:
     """Workers of the Dask scheduler at `address`, such as tcp://127.0.0.1:8786, for the candidates of `design`.
 
-    Raises InputError if nothing answers there, if it has no workers, or if they have other versions than this computer.
+    Raises InputError if the scheduler does not answer, has no workers, or has different versions.
     """
     with open_cluster(address) as client:
         yield ClusterWorkers(client, design)
@@ -467,7 +467,7 @@ class ClusterWorkers:
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """Evaluate each candidate (number, values) once; yields as they arrive.
 
-        Raises InputError when the cluster fails; what came before is good.
+        Raises InputError when the cluster fails; earlier evaluations are valid.
         """
         todo = [(number, dict(values)) for number, values in jobs]
         size = max(1, min(_MAX_JOB_CANDIDATES, len(todo) // (_JOBS_PER_THREAD * max(1, count_threads(self._client)))))

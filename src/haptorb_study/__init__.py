@@ -1,6 +1,6 @@
 """Perceptual studies on the dome: trials, storage, analysis and rehearsal.
 
-From a study file (TOML) to the tables a paper needs. Every answered trial is on the disk before the next begins.
+From a study file (TOML) to the tables a paper needs. Every answer is durable before the next trial begins.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Analysis plan of a study: number of participants, tests, and smallest effects of interest.
 
-The plan stands in the study file. It says nothing about how trials run, so it is no part of the study's digest: it
-has one of its own, which every session keeps. A plan that changes after the first session is so detected.
+The plan is part of the study file. It does not affect the trials, so it is excluded from the study's digest and has
+a digest of its own, which every session stores: a plan that changes after the first session is detected.
 """
 
 from __future__ import annotations

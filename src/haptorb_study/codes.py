@@ -69,8 +69,8 @@ _RESERVED = re.compile(r"s[1i]m-?[0-9]+")  #: in folded spelling
 def check_code(code: str) -> str:
     """Validate `code`; InputError if it is invalid. It is never changed: another spelling is refused.
 
-    Letters of any script, digits, `-`, `_` and `.`; first a letter or digit; at least one digit, so that no bare name
-    slips in.
+    Letters of any script, digits, `-`, `_` and `.`; first a letter or digit; at least one digit, which excludes
+    plain names.
 
     >>> check_code("P01"), check_code("vp-7"), check_code("Ω_3b")
     ('P01', 'vp-7', 'Ω_3b')
@@ -129,8 +129,8 @@ def next_code(used: Iterable[str]) -> str:
 def make_labels(codes: Iterable[str]) -> Mapping[str, str]:
     """Code → unique label of ASCII letters and digits, also without case, for file names.
 
-    A code that is such a label keeps it; others lose the rest of their characters, and get part of their hash where
-    that leaves nothing, or what another one has.
+    A code that is such a label is unchanged; other characters are removed, and part of the code's hash is appended
+    where the result is empty or not unique.
 
     >>> make_labels(["P01", "S-07", "S07"])
     {'P01': 'P01', 'S-07': 'S07x6f83', 'S07': 'S07'}

@@ -174,7 +174,7 @@ def tidy(engine: Engine, study: Study) -> Columns:
 def select_kind(columns: Columns, kind: Kind | None = None) -> tuple[Columns, str]:
     """Trials of one `kind` of data only, and a description of what is left out; RecordingError if there are none.
 
-    kind   None: real ones; where there are none, pilot ones; where there are none of these, simulated ones
+    kind   None: real; without real trials pilot, without these simulated
     """
     simulated, pilot = columns["simulated"].astype(bool), columns["pilot"].astype(bool)
     of: dict[Kind, NDArray[Any]] = {"real": ~simulated & ~pilot, "pilot": pilot & ~simulated, "simulated": simulated}
@@ -217,8 +217,8 @@ def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers
 def place_answers(study: Study, answers: NDArray[Any], position: NDArray[Any]) -> NDArray[Any]:
     """(trials, 3) answered positions [m], whose distance from the prompted set-point is the error.
 
-    Of an identification the contact position at the set-point that was named, wherever the tool then was; of a
-    localisation the tool's `position`; NaN where a place is not the answer.
+    In an identification the contact position at the set-point named, in a localisation the tool's `position`; NaN where
+    the answer is not a place.
     """
     if study.procedure == "localisation":
         return position

@@ -57,7 +57,7 @@ def record_copy(
 def back_up(place: str | Path, into: Path) -> Path:
     """Back up the database file at `place`, also while a session runs.
 
-    Raises RecordingError, with nothing written, if there is something at `into`.
+    Raises RecordingError, with nothing written, if `into` exists.
     """
     if "://" in str(place):
         raise InputError("a backup is of a database file; for a server, use pg_dump")

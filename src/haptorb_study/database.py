@@ -1,6 +1,6 @@
 """Schema of a study database, its migrations, connection and locks: SQLite in a file, PostgreSQL by URL.
 
-A database of an older schema is brought forward when it is opened, one of a newer schema is refused.
+A database with an older schema is migrated when it is opened, one with a newer schema is refused.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _decimal_answers(connection: Connection) -> None:
 def _contents(connection: Connection) -> None:
     """4 → 5: kind of data, withdrawn codes, and copies of the database.
 
-    Where it is not known of every trial whether its device was simulated, people may continue with either: mixed.
+    Mixed, unless the driver of every trial is known and of one kind.
     """
     number = "INTEGER NOT NULL PRIMARY KEY" if connection.dialect.name == "sqlite" else "SERIAL PRIMARY KEY"
     for table in (
@@ -234,7 +234,7 @@ _STUDY = TableSet("a study", FileKind.STUDY_DATABASE, _tables, versions, SCHEMA,
 def database(place: str | Path, *, make: bool = True) -> Engine:
     """Open the database at `place`; RecordingError if it cannot be reached, is newer, or is not a study database.
 
-    With `make` false one that is not there is refused rather than made.
+    With `make` false a missing database is refused instead of created.
     """
     path = path_of(place)
     if not make and path is not None and not path.exists():

@@ -1,7 +1,6 @@
 """Export of trials as CSV, Parquet or BIDS, with data dictionary, replies and events; all files or none.
 
-Texts that a spreadsheet would take for a formula begin with `'` in tables of text (CSV and TSV); Parquet has them as
-they were said.
+Texts that a spreadsheet would interpret as formulas are prefixed with `'` in CSV and TSV, and unchanged in Parquet.
 """
 
 from __future__ import annotations
@@ -119,7 +118,7 @@ def write_csv(
 ) -> tuple[Path, ...]:  # fmt: skip
     """Write one row per trial as CSV, with data dictionary, reading scripts, and tables of replies and events.
 
-    These are there if `replies` and `incidents` are given. Returns the files. Raises RecordingError, with nothing
+    The latter two only with `replies` and `incidents`. Returns the files. Raises RecordingError, with nothing
     written, if one of them exists and `overwrite` is not set, or if the table at `path` is another study's.
     """
     path = Path(path)
@@ -333,10 +332,10 @@ def write_bids(
 ) -> Path:  # fmt: skip
     """Write sub-LABEL/beh/sub-LABEL_task-NAME_beh.tsv per participant, and the files that BIDS requires.
 
-    A label is the participant's code, of which BIDS allows ASCII letters and digits only; participants.tsv has both,
-    and `replies` to the questions in words as columns. `incidents`: a table sub-LABEL_task-NAME_events.tsv per
+    A label is the participant's code reduced to ASCII letters and digits, as BIDS requires; participants.tsv has both,
+    and the `replies` to questions as columns. `incidents`: a table sub-LABEL_task-NAME_events.tsv per
     participant. Raises RecordingError, with nothing changed, if `folder` exists and `overwrite` is not set, or if it is
-    no folder that this function wrote of this study.
+    not an export of this study.
     """
     folder = Path(folder)
     with explain_write_error(folder):

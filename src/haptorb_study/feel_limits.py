@@ -1,7 +1,7 @@
 """Limits of the torque scale of a feel session: stability check, and the device's torque limit.
 
-The check looks all over the workspace and takes seconds per design, so it runs in a process of its own, with low
-priority, while the first design is felt.
+The check covers the workspace and takes seconds per design, so it runs in a process of its own at low priority,
+while the first design is being rendered.
 """
 
 from __future__ import annotations
@@ -115,8 +115,7 @@ class StabilityCheck:
 def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | None) -> ScaleLimits:
     """Limits for `designs`, whose smallest stability `margin` is known, or None.
 
-    At the largest gain the loop still stands `check.ENOUGH` times more, and the greatest computed force is what the
-    device can give.
+    At the maximum gain a gain margin of `check.ENOUGH` remains, and the peak force reaches the device's torque limit.
     """
     from haptorb.cli.check_world import ENOUGH
     from haptorb_study.feel import course

@@ -90,7 +90,7 @@ class StopSwitch:
     def engage(self, asked: StopCount) -> None:
         """Switch the coils on from zero, as requested at `asked`; InputError if Stop was given since.
 
-        The servo looks once more, so that a Stop which comes while this runs holds as well.
+        The servo checks the count again, so that a Stop during this call also has priority.
         """
         servo = self._servo
         if servo is None or asked.servo is not servo:

@@ -1,8 +1,8 @@
 """Merge databases of several laboratories into a new one; complete or not at all.
 
-The sources are read as they are at one moment and not changed, but for a line in each that a copy of it exists. Trials,
-orders and events stay what they are; numbers of sessions and of participants are new, and an event of each session
-says where it came from. Recordings are copied beside the new database, or linked where both lie on one disk.
+Each source is read from a snapshot and not changed, except for a record that a copy of it exists. Trials, orders and
+events are unchanged; sessions and participants are renumbered, and an event of each session names its source.
+Recordings are copied beside the new database, or linked on the same file system.
 """
 
 from __future__ import annotations
@@ -102,12 +102,12 @@ def merge_databases(
 ) -> Merged:  # fmt: skip
     """Merge the databases at `places` into a new one, `into`.
 
-    study      name of the study that is merged; None: all, which every source must hold
-    renamings  of codes that two sources have
+    study      name of the study; None: all, which every source must contain
+    renamings  of codes that occur in two sources
     progress   receives (participants done, participants in all)
 
     Raises InputError or RecordingError, with nothing written, if a source cannot be read, if they hold different
-    studies, versions or kinds of data, if codes clash, or if there is something at `into`.
+    studies, versions or kinds of data, if codes clash, or if `into` exists.
     """
     if len(places) < 2:
         raise InputError("a merge needs two databases or more")

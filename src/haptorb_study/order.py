@@ -1,13 +1,13 @@
 """Order of a session's trials: drawn once from a seed, stored complete before the first trial, never redrawn.
 
-What `[trials].order` orders are the conditions, or the pairs of conditions of a forced choice. With one of them every
-order is random.
+`[trials].order` is the order of conditions, or of pairs of conditions in a forced choice; with a single one the order
+is random.
 
-    counter-balanced   one condition after the other, for each person a row of a Williams square. Staircases, adaptive
-                       procedures and pairs run side by side in rounds, in each of which every one comes once; the
-                       square orders the first round
-    random             all trials mixed; what runs side by side begins with a random round
-    blocked            one condition, or pair, after the other as the file lists them
+    counter-balanced   blocks of conditions in the order of a row of a Williams square per participant; staircases,
+                       adaptive procedures and pairs are interleaved in rounds with one trial of each, and the square
+                       orders the first round
+    random             all trials mixed; interleaved tracks begin with a random round
+    blocked            blocks of conditions, or pairs, in the order of the file
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ def square_size(conditions: int) -> int:
 def balance_intervals(cells: int, each: int, participant: int, seed: int) -> list[list[int]]:
     """For each of `cells` (level in a condition, pair of conditions) `each` intervals, 1 or 2, in random order.
 
-    Both come equally often in a cell. Where `each` is odd, the interval that comes once more is balanced over the
-    cells of a person, and for every cell over the persons 2k and 2k + 1.
+    Both are equally frequent in a cell. If `each` is odd, the more frequent interval is balanced over the cells of a
+    participant, and for every cell over the participants 2k and 2k + 1.
 
     >>> sorted(balance_intervals(1, 4, 0, 0)[0])
     [1, 1, 2, 2]
@@ -241,9 +241,9 @@ def list_units(study: Study) -> list[str]:
 def plan(study: Study, participant: int) -> dict[str, Any]:
     """Plan of a session for a participant (from 0) as plain JSON types; the seed combines the study's and theirs.
 
-    participant, seed, order (the rule), units (conditions or pairs in this person's order), parts, and for what runs
-    side by side turns (which part is next, trial by trial) and pauses (number of trials answered → break before the
-    next [s]). A study that was begun with an older haptorb keeps that version's order.
+    participant, seed, order (the rule), units (conditions or pairs in this order), parts, and for interleaved
+    parts turns (part of each trial) and pauses (number of trials answered → break before the next [s]). A study begun
+    with an older haptorb keeps that version's order.
     """
     if not study.order_version:
         return plan_as_before(study, participant)

@@ -1,6 +1,6 @@
 """Procedures: state machines that choose the next prompt from the answers so far, without clock or random numbers.
 
-No clock, no randomness, no file: the same answers give the same prompts. That is how an interrupted session resumes.
+The same answers give the same prompts, so an interrupted session is resumed by replaying its answers.
 """
 
 from __future__ import annotations
@@ -280,8 +280,8 @@ def rating(of: str, scale: tuple[int, int] = SCALE, set_point: int = 0) -> Promp
 class Staircase(Procedure):
     """Staircase of differences from a reference, changed by the factor `step`, after the second reversal by its root.
 
-    The difference is what the comparison interval has more than the reference. `intervals` holds, trial by trial, in
-    which interval it comes, and so how long the staircase may be at most.
+    The difference is that of the comparison interval from the reference. `intervals` is the interval of the comparison
+    in each trial; its length is the maximum number of trials.
     """
 
     reference: float

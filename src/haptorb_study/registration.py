@@ -1,7 +1,7 @@
 """Registration of a study: study and analysis plan in one file with digests and time, written before data exist.
 
-The database keeps the plan's digest with every session too. A registration adds what a database cannot prove: that the
-plan was there before it. Deposit it where another party dates it, such as a public registry.
+The database stores the plan's digest with every session, but cannot prove that the plan preceded the data. Deposit a
+registration where another party dates it, such as a public registry.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ class SetPoint:
 def list_published() -> tuple[SetPoint, ...]:
     """The 25 set-points of Zárate 2020 Fig. 8: 1 + 4 + 8 + 12 at θ = 0, 18, 36 and 54 deg, neighbours 18.0 deg apart.
 
-    "25 evenly separated by 18°" and the four rings of Fig. 9 agree so; which number belongs where the figure alone
-    gives, so they are counted from the top, ring by ring.
+    This agrees with "25 evenly separated by 18°" and the four rings of Fig. 9. Their numbers are only in the figure;
+    here they are counted from the top, ring by ring.
 
     >>> [sum(p.theta_deg == ring for p in list_published()) for ring in (0, 18, 36, 54)]
     [1, 4, 8, 12]

@@ -1,6 +1,6 @@
 """Validation of the rows of a study database, which may be damaged or foreign.
 
-Checked once, when a database is opened, so that no command meets a text for a number in the middle of its work.
+Rows are checked once, when a database is opened, so that commands need not handle invalid values.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ _RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
 def check_rows(connection: Connection, tables: Mapping[str, Table], where: str) -> None:
     """Raise RecordingError for the first invalid value in the `tables`; `where` names the database.
 
-    Values are read as they are stored, without what a column's type would make of them.
+    Values are read as stored, without the conversion of the column's type.
     """
     known: set[tuple[str, str, Any]] = set()  # prompts recur
     for name, rules in _RULES.items():

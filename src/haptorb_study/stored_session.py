@@ -46,12 +46,12 @@ _RETRY_INTERVAL_S = 1.0  #: interval of attempts to store delayed events [s]
 class StoredSession:
     """Starts a session, or resumes an interrupted one; to be used in a `with` block.
 
-    The procedure is rebuilt from the stored plan and the stored answers, so a resumed session asks exactly what the
-    interrupted one would have asked. Raises RecordingError if the code has finished this study before, was withdrawn or
-    is another spelling of one that is taken, if another experimenter runs the session, or if the database holds other
+    The procedure is rebuilt from the stored plan and answers, so a resumed session continues with exactly the prompts
+    of the interrupted one. Raises RecordingError if the code has finished this study before, was withdrawn or is
+    another spelling of one that is taken, if another experimenter runs the session, or if the database holds other
     data: real, `pilot` or `simulated` ones.
 
-    history   what happened in it, oldest first: kind, trial (from 0), at, text
+    history   its events, oldest first: kind, trial (from 0), at, text
     """
 
     def __init__(
@@ -175,8 +175,8 @@ class StoredSession:
     def record_event(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Store an event, now or with the time of day `at`: pause, abort, repeat ...
 
-        With `later`, what the database does not take now is stored with the next entry that it takes, or by
-        `store_late_events`, and nothing is raised: what was done must not wait for the record of it.
+        With `later`, an event that cannot be stored now is stored with the next one or by `store_late_events`, and
+        nothing is raised: the action it records must not be delayed.
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
         happened = {"kind": kind, "trial": self.number, "at": at or utc_now(), "text": text}

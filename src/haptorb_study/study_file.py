@@ -334,7 +334,7 @@ _MAX_WORLD_FILE_BYTES = 1 << 20  #: maximum size of a world's file [bytes]
 def read_study(path: str | Path) -> Study:
     """Read the study file `path`; a user's own world is loaded, which runs its code.
 
-    Raises InputError saying what is wrong, where, and what was expected.
+    Raises InputError with place, cause and expected value of every mistake.
     """
     return study_of(
         read_text(path, "study file", InputError, kind=FileKind.STUDY), str(path), Path(path).expanduser().parent
@@ -344,9 +344,9 @@ def read_study(path: str | Path) -> Study:
 def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:
     """Parse the study `text` (TOML); `where` names it in messages.
 
-    folder   of the study file, where a world's file is looked for; None: no file is read and no code is run, as for
-             what a database holds
-    stored   it is what a database holds: nothing is added to it, so it means what it meant when it was run
+    folder   of the study file, the base of the path of a world's file; None: no file is read and no code is run, as for
+             a study from a database
+    stored   from a database: no keys are added, so that its meaning does not change
     """
     try:
         raw = parse_toml(text)
@@ -397,7 +397,7 @@ def list_older(study: Study) -> list[Study]:
     """As older versions ran the same file, newest first: with coils that are points, then with their order of trials
     too, then with 1 + 8 + 8 + 8 as published too.
 
-    Empty where the file itself says what it means.
+    Empty where the file itself has the keys.
     """
     found, older = [], study
     # The keys precede the file's own text; the digest of a world's file may precede them.

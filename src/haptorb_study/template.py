@@ -56,7 +56,7 @@ def make_study_text(name: str, like: str = "identification") -> str:
 def write_study(name: str, like: str = "identification", *, overwrite: bool = False) -> Path:
     """Write NAME.toml into the current folder; `name` may end in .toml.
 
-    RecordingError, and nothing written, if there is one already.
+    RecordingError, and nothing written, if it exists.
     """
     name = name.removesuffix(".toml")
     path = Path(f"{name}.toml")

@@ -79,8 +79,8 @@ class Keys(ABC):
 class Keyboard(Keys):
     """Keyboard on standard input; terminal settings are restored on exit.
 
-    halt     is stopped by Esc, Ctrl-C and, unless `writing()` says that words are being typed, by space and q, before
-             anything else is done with the key
+    halt     is stopped by Esc, Ctrl-C and, unless `writing()` is true, by space and q, before the key is processed
+             otherwise
     """
 
     def __init__(self, halt: StopSwitch, writing: Callable[[], bool] = lambda: False) -> None:
@@ -185,7 +185,7 @@ class View:
 class TerminalSession:
     """Runs `session` to its end, or until it is left; `show` draws a view, about ten times per second.
 
-    `halt` knows the servo, and which Stop is active; None: only the keys stop.
+    `halt` is the stop switch of the servo; None: stopped by keys only.
     """
 
     def __init__(

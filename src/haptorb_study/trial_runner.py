@@ -1,6 +1,6 @@
 """Trial state machine of a session: breaks, trials, pauses and questions, independent of terminal and pages.
 
-The terminal and the pages both drive this, so that both keep the same data. One thread calls it.
+Shared by terminal and pages, so that both store the same data. Called by one thread.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def _ignore_event(kind: str, facts: dict[str, Any]) -> None:
 class TrialRunner:
     """Runs `session` on `trial_device`; `tick` is to be called about fifty times per second.
 
-    A Stop is carried out by `halt`, at once; here it becomes the state "paused", from any state, and a record.
-    A trial in which the device was off, for any reason, is not answered: it starts again when the device is on.
+    `halt` executes a Stop at once; here it leads to the state "paused", from any state, and is recorded.
+    A trial in which the device was off, for any reason, cannot be answered: it restarts once the device is on.
 
     state      question, pause (between trials), break, running, time is up, device off, paused, done, left, aborted
-    recording  file that the tool's course goes to; its name is kept with every trial
-    mark       is called for every event, as it happens: for streams to other equipment
-    halt       knows the servo and who stopped it; None: one of its own
+    recording  file of the recording; its name is stored with every trial
+    mark       is called for every event, for streams to other equipment
+    halt       stop switch; None: a new one
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class TrialRunner:
     def resume(self, asked: StopCount | None = None) -> None:
         """Resume from a pause, restarting a trial; the coils ramp up from zero.
 
-        InputError, and nothing changes, if Stop was given after `asked`; None: it is asked for now.
+        InputError, and nothing changes, if Stop was given after `asked`; None: requested now.
         """
         self.apply_stop()
         if self.state != "paused":

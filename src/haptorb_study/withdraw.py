@@ -1,7 +1,7 @@
 """Withdrawal of a participant: removal of answers, replies and recordings wherever haptorb has recorded a copy.
 
-That is the database and its free pages, recordings beside it, exports (made again without the person), and databases
-that it was merged from or into, or copied to. What stays is a line that the code withdrew, and how much was removed.
+This covers the database with its free pages, recordings beside it, exports (remade without the participant), and
+databases that it was merged from or into, or copied to. A record of the withdrawn code and of the amount remains.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Withdrawal:
 def withdraw(place: str | Path, code: str, name: str | None = None) -> Withdrawal:
     """Remove the participant `code` from the study `name` (default: the only one) in the database at `place`.
 
-    Raises RecordingError, with nothing removed, if there is no such person, or if the session is running.
+    Raises RecordingError, with nothing removed, if there is no such participant, or the session is running.
     """
     return _withdraw(place, code, name, {_identity(place)})
 

@@ -68,9 +68,9 @@ class Analysis(NotebookReport):
     repeated : int
         Number of trials that were restarted before they were answered.
     on_simulated_device : int
-        Number of trials of people on a simulated device, without a rendered force.
+        Number of trials of real participants on a simulated device, without a rendered force.
     on_unknown_device : int
-        Number of trials of people stored by an older version, which did not note the device.
+        Number of trials of real participants stored by an older version without the device.
     confusion : Confusion, optional
         Answers by set-point.
     arrows : tuple of Arrow
@@ -100,7 +100,7 @@ class Analysis(NotebookReport):
     times : tuple of ResponseTime
         Response times by condition [s].
     notes : tuple of str
-        What the data cannot tell.
+        What the data do not determine.
     left_out : str
         Data of another kind (real, pilot, simulated) in the same database.
     incidents : tuple of Incident
@@ -225,7 +225,7 @@ def analyse(
 ) -> Analysis:  # fmt: skip
     """Analyse the tidy `columns` of `study`; `progress` receives (participants fitted, participants in all).
 
-    `plans` tell with which plan of the analysis each session began, `registration` with which one was filed.
+    `plans` are those with which the sessions began, `registration` is the plan that was registered.
     """
     practice = columns["phase"] == "practice"
     main = {name: values[~practice] for name, values in columns.items()}
@@ -295,12 +295,12 @@ def analysis_of(
     name : str, optional
         Name of the study; None: the only one in the database.
     progress : callable, optional
-        Receives (people fitted, people in all) while psychometric functions are fitted.
+        Receives (participants fitted, participants in all) while psychometric functions are fitted.
     registration : Registration, optional
         Registered plan, with which the study's own plan is compared.
     data : str, optional
-        Kind of data: "real", "pilot" or "simulated"; None: real data, unless there are none. Two kinds never contribute
-        to one number.
+        Kind of data: "real", "pilot" or "simulated"; None: real data, unless there are none. Kinds are never
+        mixed in a result.
 
     Returns
     -------

@@ -21,7 +21,7 @@ SPHERICAL = ("identification", "localisation")  #: procedures whose answers are 
 def answer_directions(study: Study, main: Columns, rows: Any) -> tuple[Array, Array]:
     """(prompted, answered): (rows, 3) unit vectors of the trials `rows` (index); NaN where an answer has no direction.
 
-    Of an identification the answer is the set-point that was named, of a localisation the place that was reached.
+    The answer of an identification is the set-point named, that of a localisation the place reached.
     """
     ways = directions(study.points)
     asked = ways[index_set_points(study, main["set_point"][rows])]
@@ -46,7 +46,7 @@ def answer_numbers(study: Study, main: Columns) -> NDArray[Any]:
 def find_unbounded(study: Study, main: Columns, rows: Any) -> NDArray[np.bool_]:
     """(rows,) whether an answer can deviate both upwards and downwards; not at the top, which has no meridian.
 
-    The numbers of an identification end with its outermost ring: below it nothing can be answered.
+    In an identification no answer lies below the outermost ring of set-points.
     """
     theta = main["theta_deg"][rows]
     known: NDArray[np.bool_] = (theta > 1e-9) & (theta < 180 - 1e-9)

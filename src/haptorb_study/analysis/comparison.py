@@ -90,7 +90,7 @@ def rate_condition(main: Columns, name: str, index: np.ndarray[Any, Any], people
 def count_choices(main: Columns) -> dict[tuple[str, str], tuple[int, int, tuple[float, float]]]:
     """Pair of conditions → (times the first was chosen, number of choices, interval of its share over participants).
 
-    With one person it is Wilson's interval, of this person's choices.
+    With one participant it is Wilson's interval over the choices.
     """
     found = {}
     for a, b in dict.fromkeys(zip(main["condition"].tolist(), main["other"].tolist(), strict=True)):
@@ -111,8 +111,8 @@ def compare_conditions(
 ) -> tuple[ConditionComparison, ...]:
     """All tests of `study` for which at least two of `people` have a value in both conditions.
 
-    First those of `plan`, the one in force, in its order and direction; then what is claimed of all conditions; then
-    pairs of conditions. p is corrected within each of the three, by the plan's correction, Holm's without a plan.
+    First the tests of `plan`, the one in force, in its order and direction; then tests over all conditions; then pairs
+    of conditions. p is corrected within each of the three, by the plan's correction, Holm's without a plan.
     `main` are the columns without practice.
     """
     names = [condition.name for condition in study.conditions]

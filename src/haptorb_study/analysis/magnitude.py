@@ -1,8 +1,7 @@
 """Magnitude estimation: geometric means over participants, and the exponent of Stevens' power law.
 
-Everybody has a scale of their own, which says nothing: each person's estimates are divided by what their own power
-law gives at the reference in the first condition. So the reference is 1 there, and other conditions are compared with
-it.
+Personal scales are arbitrary, so each participant's estimates are divided by the value of their own power law at the
+reference in the first condition: the reference is 1 there, and other conditions are relative to it.
 """
 
 from __future__ import annotations
@@ -45,7 +44,8 @@ class MagnitudeScale:
 def estimate_magnitudes(study: Study, main: Columns) -> tuple[MagnitudeScale, ...]:
     """Estimated magnitudes by condition, in the order of the study file, of participants with two levels or more.
 
-    Whoever met too little of the first condition has an exponent, but no scale, and is left out of the means.
+    A participant with too few levels in the first condition has an exponent, but no scale, and is left out of the
+    means.
     """
     if study.procedure != "magnitude" or study.levels is None:
         return ()

@@ -66,7 +66,7 @@ class PersonMeasures:
     def compare(self, measure: str, between: tuple[str, str] | None) -> PersonValues:
         """Values of `measure` in both conditions of `between`; None: over all conditions, against zero.
 
-        People without a value in either are left out: a condition without data gives no people.
+        Participants without a value in either are left out.
         """
         if measure == "choice" and between is not None:
             one = [_share_chosen(self._main, rows, *between) for rows in self._rows.values()]
@@ -114,8 +114,8 @@ def list_thresholds(procedures: Mapping[str, Procedure]) -> dict[str, dict[str, 
 def measure_upward(study: Study, main: Columns, rows: Any) -> Array:
     """(rows,) errors towards the top [deg] of the trials `rows` (index) that can deviate both ways; else NaN.
 
-    The top has no meridian. A numbered answer cannot go beyond the outermost ring, so there all errors would be upward:
-    only set-points with others above and below count. A place that was reached counts wherever it is asked.
+    The top has no meridian. A numbered answer cannot lie beyond the outermost ring, where all errors would be upward:
+    only set-points with others above and below count. A place reached always counts.
     """
     asked, answered = answer_directions(study, main, rows)
     up, _ = local_axes(asked)

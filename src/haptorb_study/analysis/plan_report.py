@@ -113,8 +113,8 @@ def report_plan(
 ) -> PlanReport | None:
     """Report of the plan of `study` as stored in the database; None if there never was one.
 
-    `registration` is what was filed. In force is the plan with which the first session began. A plan that came later,
-    or was altered, is remarked upon.
+    The plan with which the first session began is in force. Later and changed plans, and differences from the
+    `registration`, are reported.
     """
     order = sorted(sessions, key=lambda one: one.started)
     first = order[0] if order else SessionPlan("", study.plan.digest if study.plan else "", False)

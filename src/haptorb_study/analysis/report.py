@@ -47,7 +47,7 @@ pre{white-space:pre-wrap;background:#f4f7f9;padding:1rem;font-size:13px}.quiet{c
 def page(analysis: Analysis, images: dict[str, bytes] | None = None, *, served: bool = False) -> str:
     """The report as self-contained HTML; `images` are its figures as PNG or SVG, drawn here if not given.
 
-    served: with links `play/N` to the recordings, for a server that plays them; else with commands that do
+    served: with links `play/N` for a server that plays the recordings; else with the commands
     """
     drawn = {name: _image(data, name) for name, data in (images or _draw_figures(analysis, "png")).items()}
     body = [
@@ -192,7 +192,7 @@ def write_report(
 ) -> Path:
     """Write report.html, numbers.json and the figures (`kind` svg or png) into `folder`; returns the report's path.
 
-    serve: is given the page with links to the recordings, for a server
+    serve: receives the page with links to the recordings
     """
     if kind not in ("svg", "png"):
         raise InputError(f"figures can be svg or png; got '{kind}'")

@@ -1,6 +1,6 @@
 """Response times by condition or pair, with equal weight per participant; time-outs are counted.
 
-Response times are skewed, so that each person's median and geometric mean stand for their trials.
+Response times are skewed, so each participant is represented by the median and the geometric mean.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ResponseTime:
 def find_response_times(study: Study, main: Columns) -> tuple[ResponseTime, ...]:
     """Response times by condition or pair, practice left out, in the order of the study file.
 
-    By condition; where two are compared in a trial, by pair.
+    By pair where a trial compares two conditions.
     """
     found = []
     limit = study.trials.time_limit

@@ -144,10 +144,10 @@ def _join_tracks(procedure: str, levels: Levels, codes: list[str], tracks: list[
 def _join_group(axis: Array, likelihoods: Array, people: Collection[TrackFit]) -> NormalEffect:
     """Student's interval of the log thresholds of the procedures; of unfinished tracks, of the fitted thresholds.
 
-    It has no end on a side on which somebody's has none.
+    It is open on a side on which that of any participant is.
 
-    Adaptive tracks tell unequally much about their thresholds, and the more, the lower these happen to be: a mean that
-    weighs by it is biased, and its interval held the truth in 89 % of 300 studies with six people.
+    The information of adaptive tracks on their thresholds differs, and grows as these happen to be low: a mean weighted
+    by it is biased, and its interval covered the true value in 89 % of 300 studies with six participants.
     """
     own = [fit.threshold if math.isfinite(fit.threshold) else fit.fitted for fit in people]
     logs = np.log2(own)
@@ -185,7 +185,7 @@ def _fit_staircases(least: float, most: float, tracks: list[_Track]) -> tuple[Ar
 def _open_ends(limits: tuple[float, float], axis: Array, likelihood: Array) -> tuple[float, float]:
     """`limits`, ±∞ where the `likelihood` (n,) at `axis` (n,) stays above the cut-off at the end of the axis.
 
-    Thresholds beyond the axis explain the answers as well as its last point, so that where it ends decides nothing.
+    Thresholds beyond the axis then explain the answers as well as its last point, so its end must not be a limit.
     """
     enough = float(likelihood.max()) * _LIKELIHOOD_RATIO_95
     return (

@@ -392,8 +392,8 @@ def _candidate(name: str, file: DesignFile, values: dict[str, Any]) -> Candidate
 def own_candidate(file: WorldFile, name: str, values: dict[str, Any]) -> Candidate:
     """The world in `file` as a design: `values` of its parameters (SI, or text with a unit), and a `title`.
 
-    It is loaded once: what is felt and rated stays what it was when the session began. Raises InputError as
-    `WorldFile.load` does, and for values that cannot be.
+    It is loaded once, so that it does not change during a session. Raises InputError as `WorldFile.load` does, and for
+    invalid values.
     """
     world = start_world_file(file)
     known = parameters(type(world))

@@ -1,7 +1,7 @@
 """A feel session while its servo runs: current design, person, ratings. Shared by page and terminal.
 
-All state is here, so that both show the same: `DesignPanel` executes what a page sends, `terminal_input` the terminal's
-lines. A rating is on the disk before its method returns.
+`DesignPanel` executes the commands of a page, `execute_line` those of the terminal. A rating is durable when its
+method returns.
 """
 
 from __future__ import annotations
@@ -126,8 +126,8 @@ MIN_GAIN = 0.05  #: smallest gain that a session offers
 class ScaleLimits:
     """Limits of the torque scale in a session: gain times the scale of the design file.
 
-    largest         gain
-    reason          why not more, in words
+    largest         maximum gain
+    reason          of the maximum, as text
     hand_per_part   force in the hand per force on the part at gain 1
     """
 
@@ -192,12 +192,12 @@ _SLOTS = ("a", "b")
 class LiveSession:
     """State of a feel session, shared by page and terminal; every method may be called from any thread.
 
-    session   where ratings and traces are kept
-    designs   that can be felt, in the file's order
-    person    code of who feels them; "" for none
+    session   storage of ratings and traces
+    designs   in the file's order
+    person    code of the person who rates; "" for none
     blind     whether names, sizes and pictures are hidden
-    limits    how strong the designs may be felt
-    seed      of the random order; None: another one each time
+    limits    of the torque scale
+    seed      of the random order; None: random
     """
 
     def __init__(

@@ -1,9 +1,9 @@
 """Stored feel session: ratings and choice as JSON lines, every trace as CSV, in one folder.
 
-    FOLDER/ratings.jsonl          one line per rating, feeling or choice, on the disk before the next begins
-    FOLDER/traces/NAME-0001.csv   pose of the target and wrench on it, tick by tick
+    FOLDER/ratings.jsonl          one line per rating, feeling or choice, durable before the next begins
+    FOLDER/traces/NAME-0001.csv   pose of the object and wrench on it at every tick
 
-A line that a crash cut short is left out when read, and said.
+A line truncated by a crash is skipped when read, and reported.
 """
 
 from __future__ import annotations

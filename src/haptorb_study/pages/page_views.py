@@ -25,7 +25,7 @@ _MAX_BUTTONS = 21  #: of a rating scale; beyond, a number is typed
 def describe_study(study: Study, simulated: bool) -> dict[str, Any]:
     """Constant part of the state: texts, places on the drawing, and masking noise.
 
-    Places are drawn where they are the answers; where they are to be found freely they would give them away.
+    Set-points are drawn only where they are the possible answers.
     """
     return {
         "study": study.name,

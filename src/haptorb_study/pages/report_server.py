@@ -1,6 +1,6 @@
 """Server of a report on this computer, with a link beside each recorded trial that plays it as `haptorb view` does.
 
-The page is plain HTML, so the token stands in its path: who does not know it gets nothing, and plays nothing.
+The page is plain HTML, so the token is in its path: requests without it are rejected.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _HEADERS = {
 class ReportServer:
     """Serves the page `html`; its link `play/N` plays part N, from 0, of `parts` (FILE#t=FROM,TO).
 
-    url  where it is, on this computer only. Raises InputError for a `port` that cannot be had.
+    url  on this computer only. Raises InputError for a `port` that is not available.
     """
 
     def __init__(self, html: str, parts: Sequence[str], port: int = REPORT_SERVER_PORT) -> None:

@@ -1,6 +1,6 @@
 """WebSocket hub of the pages: participants', and experimenters', which need a token.
 
-Every page may stop. Stop is looked for in a message before anything else is, and goes straight to the servo.
+Every page may stop. A message is checked for Stop first, which goes directly to the servo.
 """
 
 from __future__ import annotations

@@ -70,11 +70,11 @@ _FAILURE_DISPLAY_S = 0.5  #: for the pages to show that the session thread faile
 class StudyServer:
     """Serves the pages of `manager` at `participant` and, with the token in it, at `experimenter`.
 
-    port   0 takes any free one
-    more   what the experimenter's page shows besides: where answers are stored, and the forecast
-    where  the address that it listens on, and the one at which browsers find it; beyond this computer the participant's
-           page has a token, too
-    Raises InputError at once if the port cannot be had or the pages have not been built.
+    port   0: any free port
+    more   additional constants of the experimenter's page: database and forecast
+    where  listening address and public address; if reachable from other computers, the participant's page needs a
+           token, too
+    Raises InputError if the port is not available or the pages have not been built.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class StudyServer:
     def serve(self) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM; returns the signal's number.
 
-        Raises ServoError, with the coils off, if the thread that runs the sessions ended by itself.
+        Raises ServoError, with the coils off, if the session thread ended unexpectedly.
         """
         signals_seen: list[int] = []
 

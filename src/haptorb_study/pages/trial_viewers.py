@@ -1,6 +1,6 @@
 """Players of recorded trials: `haptorb view` in processes of their own, beside a running study.
 
-The study's process keeps a hand on a device, so it reads no recordings: `haptorb view` does, in another process.
+The study's process controls a device, so recordings are read by `haptorb view` in another process.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class TrialViewers:
     def open(self, part: str, tell: Callable[[str], None]) -> None:
         """Start to play `part` (FILE#t=FROM,TO) unless it plays; a thread calls `tell` with a failure.
 
-        Raises InputError if the file is gone.
+        Raises InputError if the file does not exist.
         """
         path = Path(part.partition("#t=")[0])
         if not path.exists():

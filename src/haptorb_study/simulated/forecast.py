@@ -1,8 +1,7 @@
 """Forecast of a session: duration, coil temperature, overlap of the maps, and conditions that cannot be felt.
 
-The heat is that of the device's own thermal model under an assumed hand: for half of every trial the tool is
-somewhere
-within the map, equally often at every angle from its summit and all round it, in contact; else no current flows.
+Temperatures follow from the device's thermal model and an assumed motion: for half of every trial the tool is in
+contact within the map, uniformly over the angles about its summit; otherwise no current flows.
 """
 
 from __future__ import annotations
@@ -98,7 +97,7 @@ class Overlap:
 class Unfelt:
     """A condition whose world, or whose levels, cannot be felt at a set-point of its trials.
 
-    Also one that is declared to be without force, and is not.
+    Also a condition declared without force that renders one.
     """
 
     condition: str
@@ -137,7 +136,7 @@ class Unfelt:
 def find_unfelt(study: Study) -> tuple[Unfelt, ...]:
     """Conditions whose world renders nothing at a set-point, or the same at every level.
 
-    A condition with `no_force` has to give nothing, and is found where it gives something.
+    A condition with `no_force` must render nothing, and is reported where it does.
     """
     device, found = study.load_device(), []
     levels = study.levels

@@ -1,18 +1,18 @@
 """Simulated participant: sensorimotor model that answers prompts from the forces that the device delivers.
 
-Looking for a summit, it goes over the dome, then probes about the best place. Every probe is a force as felt: with an
-error of magnitude and of direction, and with a part of the pen's weight that people do not take out. From its slant a
-person who knows the map estimates how far the summit is and where. The last probes count most. Then the place is
-recalled, gone to and reported; recall errs little at the top, which is a landmark, and more away from it, in some
-trials much more than in others.
+To find a summit, the model sweeps the dome, then probes near the best place. A probe is a perceived force: with errors
+of magnitude and direction, and a fraction of the pen's weight that is not compensated. Its tilt, with the map known,
+gives an estimate of the summit's distance and direction. Later probes have more weight. The place is then recalled,
+approached and reported; recall errors are small at the top, which is a landmark, larger elsewhere, and vary between
+trials.
 
 CALIBRATED, not predicted: `recall`, `recall_reach_deg`, `recall_spread`, `gravity_left`, `probes`, `forgetting` and
 `motor_noise` were chosen once so that 6 participants × 50 trials give the errors that Zárate 2020 measured (2.5, 5.7,
 6.5, 7.2 mm at θ = 0, 18, 36, 54 deg), on layout 1-8-8-8. With them 48 participants of 8 seeds give 2.3, 5.6, 6.4 and
 6.8 mm (standard deviations 1.3, 4.3, 4.7 and 5.0; the paper's are 1.4, 4.6, 5.2 and 5.1). Single groups of six scatter
-about that: about half of the seeds lie within one standard error at all four angles, among them the default 0. The
-just-noticeable differences are from the literature. So it may say how many people a study needs, or which of two
-designs is likely found more exactly; it cannot confirm the paper.
+about that: about half of the seeds are within one standard error at all four angles, among them the default 0. The
+just-noticeable differences are from the literature. The model can predict how many participants a study needs, or which
+of two designs is likely localised more exactly; it cannot confirm the paper.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = ["DeliveredForce", "Participant", "Traits"]
 class DeliveredForce:
     """Force on a radial tool, with current limits and model errors; static, at ambient temperature.
 
-    The same chain as `haptorb.force_map`, as a vector and one place at a time.
+    As `haptorb.force_map`, but a vector, for one place.
     """
 
     def __init__(
@@ -211,7 +211,7 @@ class Participant:
     def _estimate(self, prompt: Prompt, draw: np.random.Generator) -> float:
         """Magnitude estimate by a power law (Stevens 1957), on a personal scale of about 100 for 1 N.
 
-        Of two digits, as most people answer.
+        Rounded to two digits, as most participants answer.
         """
         scale = 100.0 * float(np.exp(0.5 * np.random.default_rng([*self._seed, 2]).standard_normal()))
         felt = max(1e-3, self._strength(prompt) * (1 + self._noise * float(draw.standard_normal())))

@@ -30,7 +30,7 @@ def simulate_value(
 ) -> float:
     """a − b of the `ordinal`-th simulated participant, or the measure itself; NaN without data.
 
-    `seed` decides everything that is drawn, so it matters neither where nor in which order participants are simulated.
+    All random numbers depend on `seed` only, so the result does not depend on where and in which order it is computed.
     """
     procedure, responses = answer_study(study, seed, ordinal)
     main = list_columns(study, responses)
@@ -88,7 +88,7 @@ def simulate_pool(
 ) -> list[float]:  # fmt: skip
     """`measure` of each of `pool` simulated participants, computed in `processes` or on the cluster of `scheduler`.
 
-    Raises InputError for a scheduler that does not answer or has other versions than this computer.
+    Raises InputError for a scheduler that does not answer or has different versions.
     """
     if processes < 1:
         raise InputError(f"processes must be 1 or more; got {processes}")

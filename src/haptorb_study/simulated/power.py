@@ -26,7 +26,7 @@ _MAX_SLOW_GROUPS = 2000  #: groups at most for slow tests
 class GroupPower:
     """Power by group size: share of groups drawn from `pool` in which `test` shows p < `alpha`.
 
-    `seed` and the number of people decide what is drawn, so a power does not depend on which others were asked for.
+    The groups depend on `seed` and their size only, so a power does not depend on the other sizes.
     """
 
     def __init__(self, pool: Array, alpha: float, groups: int, seed: tuple[int, ...], test: PairTest = "t") -> None:
@@ -52,7 +52,7 @@ class GroupPower:
     def find_fewest(self, wanted: float, start: int) -> int | None:
         """Smallest group with the power `wanted`, searched from `start`; None: above MAX_GROUP_SIZE.
 
-        Power is taken to grow with the number of people, as it does but for the last step of small numbers.
+        Assumes that power increases with the group size, which holds except for steps at small sizes.
         """
         low, high = self.least - 1, min(max(start, self.least), MAX_GROUP_SIZE)
         while self.power(high) < wanted:
@@ -141,11 +141,11 @@ def power(
 ) -> Power:  # fmt: skip
     """Power of `study` for the difference of `measure` `between` two conditions; `progress` (done, in all).
 
-    What is not given is that of the study's plan: its first test, its level divided by the number of its tests (if p is
-    corrected), its number of people; without a plan the first two conditions, α = 0.05 and Student's test. `scheduler`
-    is the address of a Dask cluster; the result does not depend on where it is computed.
+    Defaults are those of the study's plan: its first test, its level divided by the number of tests (if p is
+    corrected), its number of participants; without a plan the first two conditions, α = 0.05 and Student's test.
+    `scheduler` is the address of a Dask cluster; the result does not depend on where it is computed.
 
-    Raises InputError for a study, condition or measure without one.
+    Raises InputError if the study has no such condition or measure.
     """
     plan = study.plan
     if plan is not None and measure is None and between is None:

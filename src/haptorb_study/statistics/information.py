@@ -1,16 +1,16 @@
 """Information transfer from a confusion matrix, in bits (Miller & Nicely 1955).
 
-T = H(answers) − H(answers | prompts). Counted from few answers as if shares were probabilities (plug-in), T is too
-large: by chance alone, answers seem to follow prompts. Four formulations are reported:
+T = H(answers) − H(answers | prompts). Estimated from few answers with shares as probabilities (plug-in), T is biased
+upwards: chance alone produces apparent dependence. Four estimates are reported:
 
     bits          both entropies after Chao & Shen 2003: the share of answers not yet met is guessed from those met
     once
     miller_madow  the plug-in less (cells − rows − columns + 1)/(2 N ln 2), counting what is not empty (Miller 1955)
     plug_in       as in Miller & Nicely 1955
-    chance        the plug-in of shuffled answers, on average: what no relation at all would give
+    chance        mean plug-in of shuffled answers: no dependence
 
-Plug-in less chance is right only where answers hardly depend on prompts; where they do, fewer cells are met than
-after shuffling, and it takes away far too much (a third, at 80 % right of 25 set-points and 300 trials).
+Plug-in minus chance is right only for nearly independent answers; otherwise fewer cells are occupied than after
+shuffling, and the correction is far too large (a third, at 80 % correct of 25 set-points and 300 trials).
 `benchmarks/study/study_localisation.py` measures all four.
 """
 
@@ -117,8 +117,8 @@ def _entropy(counts: Array) -> Array:
 def _unseen_entropy(counts: Array) -> Array:
     """(rows,) entropy [bit] of `counts` (rows, k), each row with one count or more (Chao & Shen 2003, eq. 8).
 
-    The shares of what was met are lessened by that of what was not, which is the share of answers met once (Good 1953),
-    and each is weighted by the inverse probability that it was met at all.
+    The observed shares are reduced by the probability of unseen answers, estimated by the share of singletons (Good
+    1953), and weighted by the inverse probability of being observed.
     """
     n = counts.sum(axis=1, keepdims=True)
     once = (counts == 1).sum(axis=1, keepdims=True)

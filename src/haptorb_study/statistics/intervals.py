@@ -32,8 +32,8 @@ def wilson(right: int, of: int, confidence: float = 0.95) -> tuple[float, float]
 def mean_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[Array, Array]:
     """(low, high), shape (...): Student's interval of the mean over participants; values (people, ...), NaN left out.
 
-    People are the units that a study draws: with few of them a percentile bootstrap is too narrow, by (n − 1)/n in
-    the variance and by the normal quantile in place of t. With fewer than two people there is no interval: NaN.
+    Participants are the sampling units: with few of them a percentile bootstrap is too narrow, by (n − 1)/n in the
+    variance and by the normal quantile in place of t. NaN with fewer than two participants.
 
     >>> [round(float(end), 4) for end in mean_interval([1.0, 2.0, 3.0])]
     [-0.4841, 4.4841]
@@ -78,7 +78,7 @@ _LIKELIHOOD_ERROR_SHARE = 0.2  #: share of the error probability that the likeli
 def share_interval(right: ArrayLike, of: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
     """Interval of the mean over participants of their proportions `right` (people,) of `of` (people,); of = 0 left out.
 
-    With fewer than two people there is no interval: NaN.
+    NaN with fewer than two participants.
 
     >>> [round(end, 2) for end in share_interval([36, 41, 33, 38, 29, 40], [50] * 6)]
     [0.62, 0.79]

@@ -87,7 +87,7 @@ class PersonFit:
 def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> PsychometricCurve:
     """Posterior means for one participant: `yes` (n,) out of `of` (n,) at `levels` (n,), ascending; γ = λ.
 
-    With the priors of psignifit 4, so that everybody has a number to be compared, whatever the answers. InputError with
+    With the priors of psignifit 4, so that every participant has a finite value, whatever the answers. InputError with
     fewer than two levels.
     """
     counts = (np.asarray(values, dtype=float) for values in (yes, of))
@@ -101,7 +101,7 @@ def psychometric_fit(levels: ArrayLike, yes: ArrayLike, of: ArrayLike) -> Psycho
 def fit_person(likelihood: SlopeLikelihood, person: int, *, seed: int = 0, samples: int = _REPETITIONS) -> PersonFit:
     """Fit of one participant in `likelihood`; `samples` = 0: without goodness of fit.
 
-    With answers at one level only, nothing is known: all numbers are NaN.
+    With answers at one level only, all numbers are NaN.
     """
     of = likelihood.answered.of[person]
     if np.count_nonzero(of) < 2:

@@ -1,12 +1,12 @@
 """Hierarchical model: population mean and SD of threshold and log spread from all participants' answers.
 
-Every person has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²) and a lapse rate λ_i ~ Beta(1, 1/m − 1).
-The likelihood of one person's answers is known on a grid and integrated over these distributions. M, S and m maximise
-the product over people; T and U the same after M or S is integrated out (restricted likelihood). Intervals of M and
-S: Student's quantile with n − 1 degrees of freedom times a standard error from how much people's scores differ
-(sandwich), which is right however much or little people differ; of T and U: likelihood ratio. Where everybody answers
-alike, as where nobody errs, scores have no spread to go by: then the standard error is that of the likelihood, with
-the normal quantile.
+Every participant has a threshold μ_i ~ N(M, T²), a log spread log σ_i ~ N(S, U²) and a lapse rate λ_i ~ Beta(1, 1/m −
+1). The likelihood of one participant's answers is known on a grid and integrated over these distributions. M, S and m
+maximise the product over participants; T and U the same after M or S is integrated out (restricted likelihood).
+Intervals of M and S: Student's quantile with n − 1 degrees of freedom times the sandwich standard error from the spread
+of the scores, which is valid for any difference between participants; of T and U: likelihood ratio. Identical answers,
+such as flawless ones, give scores without spread: then the standard error is that of the likelihood, with the normal
+quantile.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ class Population:
 def fit_group(likelihood: SlopeLikelihood) -> Population | None:
     """Population of the participants in `likelihood`; None below two whose answers do not fall with the level.
 
-    Where everybody's spread has an upper limit, thresholds and log spreads are normal over people. Where somebody's has
-    none, or one beyond twice the range of the levels, a logarithm has no place for it: then slopes and intercepts are
-    averaged, with Student's intervals over people, and the threshold has Fieller's. An end that does not exist is ±∞.
+    If every participant's spread is bounded, thresholds and log spreads are modelled as normal. If one is unbounded, or
+    its limit exceeds twice the range of the levels, its logarithm is undefined: then slopes and intercepts are
+    averaged, with Student's intervals over participants, and the threshold has Fieller's. Open limits are ±∞.
     """
     answered = likelihood.answered
     ends = np.array([likelihood.spread_95(n) for n in range(len(answered.of))])
@@ -154,7 +154,7 @@ def _average_slopes(answered: LevelCounts) -> Population:
 def fit_normal_effect(values: Array, likelihoods: Array) -> NormalEffect:
     """Fit x_i ~ N(mean, sd²) to likelihoods (people, n) at `values` (n,), equal steps.
 
-    InputError with fewer than two people.
+    InputError with fewer than two participants.
     """
     from scipy.special import stdtrit
 
@@ -284,7 +284,7 @@ def _tail(away: Array, error: Array, expected: Array, people: int) -> Array:
 def _halve(error: Array, expected: Array, people: int) -> Array:
     """Half widths of 95 % intervals, from sandwich standard errors or those `expected` from the likelihood.
 
-    Those of the likelihood serve where people differ less than they do by chance in 999 of 1000 groups.
+    The latter if participants differ less than by chance in 999 of 1000 groups.
     """
     from scipy.special import chdtri, stdtrit
 

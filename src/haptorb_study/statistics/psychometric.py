@@ -17,7 +17,7 @@ __all__ = ["LevelCounts", "PsychometricCurve", "count_by_level"]
 class PsychometricCurve:
     """p(x) = γ + (1 − γ − λ) Φ((x − middle)/spread).
 
-    Constant stimuli with two intervals: γ = λ, because a person who does not attend is right in half of the cases.
+    Constant stimuli with two intervals: γ = λ, because an inattentive participant is right in half of the cases.
 
     >>> float(PsychometricCurve(1.0, 0.1, 0.02, 0.02)(1.0))
     0.5

@@ -127,7 +127,7 @@ class PsychometricGrid:
         Threshold: flat over the levels, falling as a raised cosine to zero half of their range outside. Width (5 to
         95 %, 3.29 spreads): flat from twice the least distance of two levels to the range, falling to zero at that
         distance and at three times the range. Lapse rate: Beta(1, 10). With γ fixed, the levels are an adaptive
-        procedure's own choice and tell nothing about the width: threshold flat, width flat in its logarithm.
+        procedure's own choice and carry no information on the width: threshold flat, width flat in its logarithm.
         """
         x = self.answered.levels
         span, step = float(np.ptp(x)), float(np.diff(x).min())
@@ -163,7 +163,7 @@ def _cosine(x: Array) -> Array:
 def _zoom(axis: Array, mass: Array, least: float, most: float) -> tuple[Array, bool]:
     """Equally spaced points within the limits that contain all but 1e-4 of each participant's `mass` (people, n).
 
-    And whether `axis` was fine enough to tell.
+    And whether `axis` was fine enough.
     """
     step = float(axis[1] - axis[0])
     sums = np.cumsum(mass, axis=1)

@@ -55,8 +55,8 @@ def compute_p(differences: ArrayLike, test: PairTest = "t") -> Array:
     sign-flip  signs of all differences are exchangeable: all patterns up to 14 people, beyond 5 000, the observed one
                among them
 
-    Where all differences of a group are equal there is no spread for Student's test to go by; then p is 1 if they are
-    zero, else that of the sign-flip test, 2/2ⁿ. InputError with fewer than two people.
+    If all differences are equal, Student's test is undefined; then p is 1 if they are zero, else that of the sign-flip
+    test, 2/2ⁿ. InputError with fewer than two participants.
 
     >>> float(compute_p([1.0, 2.0, 3.0, 4.0], "sign-flip")), round(float(compute_p([1.0, 2.0, 3.0, 4.0])), 4)
     (0.125, 0.0305)
@@ -104,7 +104,7 @@ def correct_p(p: Sequence[float], correction: Correction = "holm") -> tuple[floa
     bonferroni  each times their number
     none        as they are
 
-    NaN, a test that could not be made, stays NaN and does not count.
+    NaN, a test that was not possible, remains NaN and is not counted.
 
     >>> correct_p([0.01, 0.04, 0.03])
     (0.03, 0.06, 0.06)

@@ -1,14 +1,14 @@
 """Likelihood of one participant's psychometric function in slope and intercept, with intervals that may be open.
 
 p(x) = λ + (1 − 2λ) Φ(c + b u), with u = (x − middle of the levels)/range of the levels. In slope b and intercept c a
-function that does not depend on the level is an ordinary point, b = 0, and keys that were taken for each other are b
-< 0. In spread (1/b) and threshold (−c/b) neither has a place: there, every end of an interval is finite, whatever the
-answers (Gleser & Hwang 1987).
+function that does not depend on the level is an ordinary point, b = 0, and reversed keys are b < 0. Spread (1/b)
+and threshold (−c/b) cannot represent either: there, every interval has finite limits, whatever the answers (Gleser &
+Hwang 1987).
 
-λ has equal probability from 0 to 0.13 and is integrated over; b and c have no prior. A slope belongs to its interval
-where the likelihood, at the best c, is at most `_CUT` (1 + 12/trials) in its logarithm below the greatest; 12 was
-found by simulation. The interval of the threshold has every −c/b of the pairs (b, c) that are no farther below
-(Fieller's, by likelihood). `benchmarks/study/study_spreads.py` measures how often they hold the truth.
+λ is uniform from 0 to 0.13 and integrated out; b and c have no prior. The interval of the slope contains every b whose
+profile log likelihood is at most `_HALF_CHI2_95` (1 + 12/trials) below the maximum; 12 was determined by simulation.
+The interval of the threshold contains −c/b of all pairs (b, c) within the same limit (Fieller's, by likelihood).
+`benchmarks/study/study_spreads.py` measures their coverage.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class SlopeLikelihood:
     def _profile(self) -> tuple[Array, Array, Array, Array]:
         """Profile likelihood: slopes, best intercepts, log likelihoods, information on intercepts, (people, f) each.
 
-        Only where a person's likelihood is not negligible; slopes are equally far apart in asinh(b/1.2).
+        Only where a participant's likelihood is not negligible; slopes are equally far apart in asinh(b/1.2).
         """
         slopes, c, value, _ = self._rough
         axis = np.arcsinh(slopes / _LINEAR_SLOPE_LIMIT)
@@ -227,7 +227,7 @@ class SlopeLikelihood:
     def spread_95(self, person: int) -> tuple[float, float]:
         """95 % interval of the spread, in units of the level; 0 and ∞ are open limits, NaN: no interval.
 
-        Where the direction is not established, the lower limit is that of both: nobody knows how the keys were taken.
+        Where the direction is not established, the lower limit is that of both directions, since keys may be reversed.
         """
         low, high = (float(end[person]) for end in self.slope_95)
         if self.too_many_lapses[person]:
@@ -239,7 +239,7 @@ class SlopeLikelihood:
     def threshold_95(self, person: int) -> tuple[float, float]:
         """95 % interval of the point of subjective equality; ±∞ are open limits, both if it is undetermined.
 
-        Where the direction is not established and more likely rises, keys are taken to be as instructed.
+        Where the direction is not established and more likely rises, keys are assumed to be as instructed.
         """
         if self.too_many_lapses[person]:
             return math.nan, math.nan

@@ -91,8 +91,8 @@ def error_vectors(asked: ArrayLike, answered: ArrayLike) -> Array:
 def summarize_directions(ways: ArrayLike) -> DirectionSpread:
     """Mean direction and spread of `ways` (n, 3), n ≥ 1.
 
-    Directions that cancel, such as two opposite ones, have no mean direction; their resultant is zero and κ is as small
-    as so few directions can tell.
+    Directions that cancel, such as two opposite ones, have no mean direction; their resultant is zero and κ has the
+    smallest value for their number.
 
     >>> one = summarize_directions([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     >>> one.resultant, one.kappa, one.theta_deg
