@@ -265,7 +265,7 @@ def use_begun_version(engine: Engine, known: Study) -> Study:
     if known.order_version and not study.order_version:
         say("this study was begun with an older haptorb and keeps the order of that version")
     if known.model_version and not study.model_version:
-        say("this study was begun with an older haptorb, which took coils for points, and keeps that model")
+        say("this study was begun with an older haptorb, which modelled coils as points, and keeps that model")
     if study.published_layout != known.published_layout:
         say("this study was begun with 1 + 8 + 8 + 8 set-points and keeps them (erratum E17, withdrawn)")
     return study
@@ -603,7 +603,7 @@ def merge(
     for note in done.notes:
         say(f"note: {note}")
     for missing in done.missing:
-        say(f"warning: {missing} is not there: its trials keep this name")
+        say(f"warning: {missing} does not exist: its trials keep this name")
     if json:
         print_json({**vars(done), "missing": list(done.missing), "notes": list(done.notes)})
         return

@@ -161,7 +161,9 @@ def _publish(part: Path, target: Path) -> None:
     try:
         os.link(part, target)
     except FileExistsError as cause:
-        raise RecordingError(f"{target} exists by now: nothing was merged; choose another name") from cause
+        raise RecordingError(
+            f"{target} was created in the meantime: nothing was merged; choose another name"
+        ) from cause
     except OSError:  # a file system without links
         os.replace(part, target)
 
@@ -223,7 +225,7 @@ def _compare(sources: Sequence[_Source]) -> tuple[str, list[str]]:
         for digest, row in first.studies.items():
             if row.text != other.studies[digest].text:
                 notes.append(
-                    f"study '{row.name}': the files differ in what does not decide how it runs (comments or the plan); "
+                    f"study '{row.name}': the files differ, but not in how the study runs (comments or the plan); "
                     f"that of {mask_password(first.place)} is kept"
                 )
     return next((one.holds for one in sources if one.holds), ""), notes

@@ -411,7 +411,7 @@ class OrderSummary:
             found.append("order: random; all trials mixed" if not self.side_by_side else "order: random rounds")
         else:
             found.append(
-                "order: blocked, the same for everybody: an effect of order cannot be distinguished from "
+                "order: blocked, the same for all participants: an effect of order cannot be distinguished from "
                 "one of the conditions"
             )
         if self.side_by_side:

@@ -110,7 +110,7 @@ _RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
         "number": ("a whole number from 0", _is_count),
         "prompt": ("what was asked (JSON)", _is_prompt),
         "answer": ("a number, or nothing", _or_nothing(_is_number)),
-        **{axis: ("a place in metres, or nothing", _or_nothing(_is_number)) for axis in "xyz"},
+        **{axis: ("a position in metres, or nothing", _or_nothing(_is_number)) for axis in "xyz"},
         "seconds": ("a time in seconds", _is_number),
         "safety": ("a list of trips (JSON)", _is_trips),
         "recording": ("the file of a recording, or nothing", _or_nothing(_is_path)),

@@ -63,15 +63,15 @@ class StoredSession:
         self.history: list[dict[str, Any]] = []
         if is_reserved(self.code) != simulated:
             raise RecordingError(
-                f"participant code '{self.code}' is a person's: a simulated participant is called SIM and a number"
+                f"participant code '{self.code}' is a real participant's: a simulated one is called SIM and a number"
                 if simulated
                 else f"participant code '{self.code}' is reserved for simulated participants: use another code"
             )
-        self._late: list[dict[str, Any]] = []  # events not stored yet
-        self._again = 0.0  # time of the next attempt
+        self._delayed_events: list[dict[str, Any]] = []  # events not stored yet
+        self._next_retry = 0.0  # time of the next attempt
         try:
             self.id, stored = self._find_or_create()
-            self._claim = lock_session(engine, self.id)
+            self._lock = lock_session(engine, self.id)
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
         try:
@@ -81,10 +81,10 @@ class StoredSession:
             self.resumed = self.number > 0
             self.record_event("resume" if self.resumed else "begin")
         except SQLAlchemyError as cause:
-            self._claim.release()
+            self._lock.release()
             raise _storage_error(cause) from cause
         except BaseException:
-            self._claim.release()
+            self._lock.release()
             raise
 
     def __repr__(self) -> str:
@@ -128,7 +128,7 @@ class StoredSession:
                     connection.execute(sessions.update().where(sessions.c.id == self.id).values(ended=utc_now()))
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
-        self._late.clear()
+        self._delayed_events.clear()
         self._replied.add(question.name)
 
     def answer(
@@ -169,7 +169,7 @@ class StoredSession:
             ) from cause
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
-        self._late.clear()
+        self._delayed_events.clear()
         self.procedure, self.number = after, self.number + 1
 
     def record_event(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
@@ -180,7 +180,7 @@ class StoredSession:
         """
         text = text.replace("\0", "").encode("utf-8", "backslashreplace").decode()  # a record is never refused
         happened = {"kind": kind, "trial": self.number, "at": at or utc_now(), "text": text}
-        self._late.append({"session": self.id, **happened})
+        self._delayed_events.append({"session": self.id, **happened})
         self.history.append(happened)
         try:
             with self.engine.begin() as connection:
@@ -188,20 +188,20 @@ class StoredSession:
         except SQLAlchemyError as cause:
             if later:
                 return
-            self._late.pop()
+            self._delayed_events.pop()
             self.history.pop()
             raise _storage_error(cause) from cause
-        self._late.clear()
+        self._delayed_events.clear()
 
     def store_late_events(self) -> None:
         """Retry once per second to store delayed events; blocks for 50 ms at most."""
-        if not self._late or monotonic() < self._again:
+        if not self._delayed_events or monotonic() < self._next_retry:
             return
-        self._again = monotonic() + _RETRY_INTERVAL_S
+        self._next_retry = monotonic() + _RETRY_INTERVAL_S
         with suppress(SQLAlchemyError):
             with try_begin(self.engine) as connection:
                 self._catch_up(connection)
-            self._late.clear()
+            self._delayed_events.clear()
 
     def abort(self, reason: str = "") -> None:
         """End permanently: answers remain, but the session cannot be resumed."""
@@ -216,21 +216,21 @@ class StoredSession:
     def close(self) -> None:
         """Release the session for another station; may be called repeatedly."""
         try:
-            if self._late:
+            if self._delayed_events:
                 with self.engine.begin() as connection:
                     self._catch_up(connection)
-                self._late.clear()
+                self._delayed_events.clear()
         except SQLAlchemyError as cause:
             raise RecordingError(
-                f"session {self.id}: {len(self._late)} events (pauses, safety events) could not be stored"
+                f"session {self.id}: {len(self._delayed_events)} events (pauses, safety events) could not be stored"
             ) from cause
         finally:
-            self._claim.release()
+            self._lock.release()
 
     def _catch_up(self, connection: Connection) -> None:
         """Store delayed events in the transaction of `connection`."""
-        if self._late:
-            connection.execute(events.insert(), self._late)
+        if self._delayed_events:
+            connection.execute(events.insert(), self._delayed_events)
 
     def __enter__(self) -> Self:
         return self

@@ -29,9 +29,9 @@ from haptorb.files import foreign_text, visible
 from haptorb.runtime.linux import END_SIGNALS
 from haptorb.runtime.servo import Servo
 from haptorb.terminal import make_console, say
-from haptorb_study.halt import StopCount, StopSwitch
 from haptorb_study.order import ask_number
 from haptorb_study.procedures import Prompt
+from haptorb_study.stop_switch import StopCount, StopSwitch
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.trial_device import TrialDevice
 from haptorb_study.trial_runner import OVER, TrialRunner
@@ -195,7 +195,7 @@ class TerminalSession:
         self._trial_device, self._keys, self._show = trial_device, keys, show
         self._runner = TrialRunner(session, trial_device, recording, halt=halt)
         self._typed, self._message, self._abort = "", "", False
-        self._of: tuple[object, ...] = ()  # trial or question that `_typed` belongs to
+        self._typed_for: tuple[object, ...] = ()  # trial or question that `_typed` belongs to
 
     @property
     def writing(self) -> bool:
@@ -222,8 +222,8 @@ class TerminalSession:
         """Discard text typed before a Stop, a restart or another trial."""
         runner = self._runner
         now = (runner.session.number, runner.repeats, runner.state in ("running", "time is up"), runner.question)
-        if now != self._of:
-            self._of, self._typed = now, ""
+        if now != self._typed_for:
+            self._typed_for, self._typed = now, ""
 
     def _describe_state(self) -> str:
         """Message for the present state."""

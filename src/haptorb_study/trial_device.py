@@ -39,10 +39,10 @@ class TrialDevice:
         self.simulated = servo.driver == "sim"
         self._pen = (0.0, 0.0)  #: (x, y): angle from the top towards +x and +y [deg]
         self.trips: list[dict[str, Any]] = []  #: since the start of the servo, up to the last poll
-        self._cursor, self._reason = 0, 0.0
-        self._since = 0.0
-        self._first: tuple[float, float, float] | None = None  # position of the tool at stimulus onset
-        self._before = -1  # world changes before the stimulus
+        self._cursor, self._last_trip = 0, 0.0
+        self._trial_start = 0.0
+        self._onset_position: tuple[float, float, float] | None = None  # position of the tool at stimulus onset
+        self._onset_changes = -1  # world changes before the stimulus
         self._recording = True
 
     def record(self, on: bool) -> None:
@@ -53,7 +53,7 @@ class TrialDevice:
 
     def begin(self, prompt: Prompt) -> None:
         """Render the first interval of `prompt`; the trial's part of the recording starts here."""
-        self._since = self._time()
+        self._trial_start = self._time()
         self.interval(prompt, 1)
 
     def interval(self, prompt: Prompt, which: int) -> None:
@@ -63,7 +63,7 @@ class TrialDevice:
             condition = prompt.other or condition
             level = self.study.levels.reference if self.study.levels else None
         number = prompt.set_point or self.study.points[0].number
-        self._first, self._before = None, self._count_changes()
+        self._onset_position, self._onset_changes = None, self._count_changes()
         self.servo.set_world(self.study.world_name, self.study.values(condition, number, level))
 
     def rest(self) -> None:
@@ -123,12 +123,12 @@ class TrialDevice:
     def is_felt(self) -> bool:
         """Whether the stimulus exceeds 0.1 N or 2 mN·m now, or the tool has moved by 0.5 mm since onset."""
         place, row = self.position, self.servo.latest()
-        if place is None or row is None or self._count_changes() == self._before:
+        if place is None or row is None or self._count_changes() == self._onset_changes:
             return False
-        self._first = self._first or place
+        self._onset_position = self._onset_position or place
         asked = row[self.servo.layout["asked"]]
         force, torque = float(np.linalg.norm(asked[:3])), float(np.linalg.norm(asked[3:]))
-        moved = float(np.linalg.norm(np.subtract(place, self._first)))
+        moved = float(np.linalg.norm(np.subtract(place, self._onset_position)))
         return force >= _FELT_FORCE_N or torque >= _FELT_TORQUE_NM or moved >= _FELT_MOTION_M
 
     @property
@@ -152,8 +152,8 @@ class TrialDevice:
         layout = self.servo.layout
         t, guard, code = (rows[:, layout[name]][:, 0] for name in ("t", "guard", "trip"))
         reason = np.where(guard == GuardState.TRIPPED, code, 0.0)
-        fresh = np.flatnonzero((reason != 0) & (reason != np.concatenate([[self._reason], reason[:-1]])))
-        self._reason = float(reason[-1])
+        fresh = np.flatnonzero((reason != 0) & (reason != np.concatenate([[self._last_trip], reason[:-1]])))
+        self._last_trip = float(reason[-1])
         trips = [(float(t[n]), Trip(int(reason[n]))) for n in fresh]
         tracker = self.servo.tracker
         found = [{"t": at, "code": trip.name, "reason": describe_trip(trip, tracker)} for at, trip in trips]
@@ -163,7 +163,7 @@ class TrialDevice:
 
     def course(self, recording: str | None) -> str | None:
         """This trial's part of the recording: FILE#t=from,to on the loop's clock [s]."""
-        return f"{recording}#t={self._since:.3f},{self._time():.3f}" if recording else None
+        return f"{recording}#t={self._trial_start:.3f},{self._time():.3f}" if recording else None
 
     def _count_changes(self) -> int:
         row = self.servo.latest()

@@ -10,8 +10,8 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.errors import InputError
-from haptorb_study.halt import StopCount, StopSwitch
 from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.stop_switch import StopCount, StopSwitch
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_tables import Question
 from haptorb_study.trial_device import TrialDevice
@@ -57,14 +57,14 @@ class TrialRunner:
         self.trips: list[dict[str, Any]] = []  #: safety events of the session, with their trial
         self._recording, self._mark, self._clock = recording, mark, clock
         self.repeats = 0  #: number of restarts of this trial
-        self._again = ""  # reason for the next restart
-        self._felt: set[int] = set()  # intervals of this trial that have been felt
-        self._during: list[dict[str, Any]] = []  # trips in this trial, with all its restarts
-        self._until = 0.0  # end of a pause or break
-        self._last = clock()
+        self._restart_reason = ""  # reason for the next restart
+        self._felt_intervals: set[int] = set()  # intervals of this trial that have been felt
+        self._trial_trips: list[dict[str, Any]] = []  # trips in this trial, with all its restarts
+        self._break_end = 0.0  # end of a pause or break
+        self._last_tick = clock()
         self._trip_count = 0  # trips of the device that are stored
-        self._paused_from, self._rest_left = "", 0.0
-        self._moved = clock()  # time of the last recorded activity
+        self._paused_state, self._rest_left = "", 0.0
+        self._last_activity = clock()  # time of the last recorded activity
         self.state = "pause"
         self._continue()
         self.apply_stop()
@@ -84,16 +84,16 @@ class TrialRunner:
         """Remaining time of a pause or break [s]."""
         if self.state == "paused":
             return self._rest_left
-        return max(0.0, self._until - self._clock()) if self.state in ("pause", "break") else 0.0
+        return max(0.0, self._break_end - self._clock()) if self.state in ("pause", "break") else 0.0
 
     def tick(self) -> None:
         """Advance the state: breaks end, time limits expire, trips of the device are stored."""
         now = self._clock()
-        passed, self._last = now - self._last, now
+        passed, self._last_tick = now - self._last_tick, now
         self.apply_stop()
         self._notice_off()
         self.session.store_late_events()
-        rested = self.state in ("pause", "break") and now >= self._until
+        rested = self.state in ("pause", "break") and now >= self._break_end
         if rested or (self.state == "device off" and not self.trial_device.switched_off):
             self._begin()
         elif self.state == "running":
@@ -107,17 +107,17 @@ class TrialRunner:
         elif self.state == "time is up":
             self.seconds += passed
         if self.state in _RECORDED_STATES:
-            self._moved = now
-        self.trial_device.record(now - self._moved < _RECORDING_TAIL_S)
+            self._last_activity = now
+        self.trial_device.record(now - self._last_activity < _RECORDING_TAIL_S)
 
     def apply_stop(self) -> None:
         """Enter "paused" if Stop was given, and store its cause; the coils are off already."""
         if self.halt.active and self.state not in ("paused", *OVER):
             self._rest_left = self.rest_left
             if self.state in _IN_TRIAL:
-                self._again = f"stopped {self.halt.why}".rstrip()
+                self._restart_reason = f"stopped {self.halt.why}".rstrip()
                 self.state = "device off"
-            self._paused_from, self.state = self.state, "paused"
+            self._paused_state, self.state = self.state, "paused"
         for stopped in self.halt.pop_unrecorded():
             self._record_event("pause", stopped.why, stopped.at)
 
@@ -139,12 +139,12 @@ class TrialRunner:
         answer = Answer(value, self.trial_device.position, self.seconds)
         self.session.answer(
             answer,
-            safety=self._during,
+            safety=self._trial_trips,
             recording=self.trial_device.course(self._recording),
             driver=self.trial_device.servo.driver,
         )
         self._mark("answer", {"trial": number + 1, "answer": value, "set_point": prompt.set_point})
-        self.repeats, self._again, self._during = 0, "", []
+        self.repeats, self._restart_reason, self._trial_trips = 0, "", []
         self._continue()
 
     def reply(self, text: str) -> None:
@@ -191,9 +191,9 @@ class TrialRunner:
         if self.state != "paused":
             return
         self.halt.engage(asked or self.halt.read_count())
-        self.state = self._paused_from
-        self._until = self._clock() + self._rest_left
-        self._last = self._clock()
+        self.state = self._paused_state
+        self._break_end = self._clock() + self._rest_left
+        self._last_tick = self._clock()
         self._record_event("resume")
 
     def repeat(self) -> None:
@@ -201,7 +201,7 @@ class TrialRunner:
         self.apply_stop()
         if self.state not in _IN_TRIAL or self.prompt is None:
             raise InputError(f"there is no trial to repeat now ({self.state})")
-        self._again = "by the experimenter"
+        self._restart_reason = "by the experimenter"
         self._begin()
 
     def engage(self, asked: StopCount | None = None) -> None:
@@ -239,8 +239,8 @@ class TrialRunner:
             self._mark("done", {})
         else:
             wait = prompt.pause or (self.session.study.trials.pause_seconds if self.session.number else 0.0)
-            self._until = self._clock() + wait
-            self._moved = self._clock()
+            self._break_end = self._clock() + wait
+            self._last_activity = self._clock()
             self.state = "break" if prompt.pause else "pause"
             if prompt.pause:
                 self._mark("break", {"seconds": wait})
@@ -256,14 +256,14 @@ class TrialRunner:
             self._wait_for_device()
             return
         self.state, self.which, self.seconds = "running", 1, 0.0
-        self._felt.clear()
-        self._last = self._moved = self._clock()
+        self._felt_intervals.clear()
+        self._last_tick = self._last_activity = self._clock()
         self.trial_device.record(True)
         self.trial_device.begin(prompt)
-        if self._again:
+        if self._restart_reason:
             self.repeats += 1
-            self._record_event("repeat", self._again)
-            self._again = ""
+            self._record_event("repeat", self._restart_reason)
+            self._restart_reason = ""
         self._mark(
             "trial",
             {"trial": self.session.number + 1, "set_point": prompt.set_point, "condition": prompt.condition,
@@ -271,8 +271,8 @@ class TrialRunner:
         )  # fmt: skip
 
     def _notice_felt(self) -> None:
-        if self.which not in self._felt and self.trial_device.is_felt():
-            self._felt.add(self.which)
+        if self.which not in self._felt_intervals and self.trial_device.is_felt():
+            self._felt_intervals.add(self.which)
 
     def _check_felt(self, prompt: Prompt) -> None:
         """InputError if the stimulus has not been felt; after the time limit the trial restarts."""
@@ -281,12 +281,12 @@ class TrialRunner:
         wanted = (
             {1, 2} if prompt.interval else {1} if self.session.study.procedure in ("rating", "magnitude") else set()
         )
-        missing = sorted(wanted - self._felt)
+        missing = sorted(wanted - self._felt_intervals)
         if not missing:
             return
         what = f"interval {missing[0]}" if prompt.interval else "this"
         if self.state == "time is up":
-            self._again = f"answered before {what} was felt"
+            self._restart_reason = f"answered before {what} was felt"
             self._begin()
             raise InputError(f"{what} was not felt before the time was up: not stored. The trial starts again")
         raise InputError(f"{what} has not been felt yet: not stored. Move the tool to feel it, then answer")
@@ -300,7 +300,7 @@ class TrialRunner:
         """Store new trips; a trial in which the device was off restarts once it is on."""
         fresh = [str(trip["code"]) for trip in self._record_trips() if trip["code"] != "NOT_WATCHED"]
         if self.state in _IN_TRIAL and (fresh or self.trial_device.switched_off):  # safety: study-answer-off
-            self._again = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
+            self._restart_reason = f"the device was off: {', '.join(fresh)}" if fresh else "the device was off"
             self._wait_for_device()
 
     def _record_trips(self) -> list[dict[str, Any]]:
@@ -312,7 +312,7 @@ class TrialRunner:
             if trip["code"] == "STOPPED":  # stopped by a person: not a safety event
                 continue
             if self.state in _IN_TRIAL:
-                self._during.append(trip)
+                self._trial_trips.append(trip)
             known = {**trip, "trial": self.session.number}
             self.trips.append(known)
             self.session.record_event("safety", f"{trip['code']}: {trip['reason']}", later=True)

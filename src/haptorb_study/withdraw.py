@@ -56,7 +56,7 @@ class Withdrawal:
     def sentence(self) -> str:
         """Summary, also stored in the database."""
         return (
-            f"{self.trials} trials, {self.replies} answers in words and {len(self.recordings)} recordings removed; "
+            f"{self.trials} trials, {self.replies} replies and {len(self.recordings)} recordings removed; "
             f"{len(self.exports)} exports made again; removed from {len(self.databases)} other databases; "
             f"{len(self.left)} copies not reached"
         )
@@ -89,7 +89,7 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
                 path.unlink()
                 gone.append(str(path))
             except FileNotFoundError:
-                left.append(f"{path}: it is not there any more; if it was moved, remove it")
+                left.append(f"{path}: it no longer exists; if it was moved, remove it")
             except OSError as cause:
                 left.append(f"{path}: {cause.strerror}")
         _erase(engine)
@@ -208,7 +208,7 @@ def _erase(engine: Engine) -> None:
         busy = True
     if busy:
         raise RecordingError(
-            f"{engine.url.database} is in use by another program, so traces stay in its file: end that program, then "
+            f"{engine.url.database} is in use by another program, so deleted data remain in its file: end that program, then "
             "withdraw again"
         )
 
@@ -217,7 +217,7 @@ def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: 
     """Remake an export without the participant; nothing to do if it no longer exists."""
     path = Path(copy.place)
     if not path.exists():
-        left.append(f"{path}: this export is not there any more; if it was moved or sent to somebody, remove it there")
+        left.append(f"{path}: this export no longer exists; if it was moved or sent on, remove it there")
         return
     kind = copy.settings.get("data")
     try:
@@ -232,7 +232,7 @@ def _follow(
 ) -> None:
     """Remove the participant from another database, where the code is `code`."""
     if "://" not in copy.place and not Path(copy.place).is_file():
-        left.append(f"{copy.place}: this database is not there any more; if it was moved, withdraw {code} there")
+        left.append(f"{copy.place}: this database no longer exists; if it was moved, withdraw {code} there")
         return
     try:
         engine = database(copy.place, make=False)

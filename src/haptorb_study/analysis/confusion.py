@@ -97,4 +97,4 @@ def describe_accuracy(confusion: Confusion) -> str:
     if over_people != "–":
         return f"95 % over participants {over_people} %"
     single = format_range(confusion.single_95, ".1f", 100)
-    return f"one participant: Wilson over this participant's trials {single} %; no interval over people"
+    return f"one participant: Wilson over this participant's trials {single} %; no interval over participants"

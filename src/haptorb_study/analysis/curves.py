@@ -58,7 +58,7 @@ class ConditionCurves:
         reversed_ = [code for code, fit in self.people.items() if REVERSED in fit.notes]
         found = []
         if reversed_ and len(self.people) > 1:
-            found.append(f"group: without {', '.join(reversed_)}, whose answers fall with the level")
+            found.append(f"group: excludes {', '.join(reversed_)}, whose answers fall with the level")
         if (group := self.group) is None:
             return found
         low, high = group.log_spread.mean_95
@@ -75,9 +75,9 @@ class ConditionCurves:
             found.append(f"group: the threshold has only {'an upper' if math.isinf(least) else 'a lower'} limit")
         if group.by_slope:
             found.append(
-                "group: the answers of at least one person hardly depend on the level, so that the group is the mean "
-                f"slope and intercept, with lapses of {100 * group.lapse:g} %; differences between people are not "
-                "estimated"
+                "group: the answers of at least one participant hardly depend on the level, so that the group is the "
+                f"mean slope and intercept, with lapses of {100 * group.lapse:g} %; differences between participants are "
+                "not estimated"
             )
         return found
 

@@ -24,7 +24,7 @@ from haptorb_study.incidents import count_incidents
 __all__ = ["list_group_tables", "list_notes", "list_psychometric_notes", "list_psychometric_tables", "print_summary"]
 
 
-_TESTS = {"t": "Student's t test over people", "sign-flip": "sign-flip test over people"}
+_TESTS = {"t": "Student's t test over participants", "sign-flip": "sign-flip test over participants"}
 _CORRECTIONS = {"holm": "Holm", "bonferroni": "Bonferroni", "none": "no correction"}
 
 
@@ -72,7 +72,7 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
         correction = _CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
         alike = "; if all values are equal, a sign-flip test" if row.test == "t" else ""
         yield (
-            f"p: two-sided {_TESTS[row.test]}, one value per person{alike}. Corrected: {correction}, separately for "
+            f"p: two-sided {_TESTS[row.test]}, one value per participant{alike}. Corrected: {correction}, separately for "
             "planned tests, tests over all conditions, and pairs of conditions. Intervals: Student's t over people; of "
             "the effect sizes d_z and Hedges' g_av, noncentral t."
         )

@@ -80,7 +80,7 @@ class PeakComparison:
         """Agreement, or every cause with its contribution, as text."""
         name = self.way.replace("_", "-")
         if self.felt is None:
-            return (f"{name}: computed {self.computed:.1f} N, not felt: the part was not moved this way",)
+            return (f"{name}: computed {self.computed:.1f} N, not measured: the part was not moved in this direction",)
         peaks = f"{name}: computed {self.computed:.1f} N, felt {self.felt:.1f} N"
         if self.agrees:
             found = [f"{peaks}; they agree"]
@@ -381,7 +381,7 @@ def _report_compare(session: FeelSession, runs: dict[str, InsertionForces], felt
 def _list_ratings(session: FeelSession) -> list[str]:
     people = session.people()
     if not people:
-        return ["<h2>Ratings</h2>", "<p>Nobody has rated a design yet.</p>"]
+        return ["<h2>Ratings</h2>", "<p>No design has been rated yet.</p>"]
     now = {design.name: design.digest for design in session.candidates.designs}
     counted = [one for one in session.ratings() if now.get(one.design) == one.digest]
     rows = []
@@ -433,7 +433,7 @@ def _show_shares(world: SnapFit) -> list[str]:
         ["greatest force", *(f"{one.total:.2f}" for one in ways)],
     ]
     if world.hooks > 1:
-        rows.append(["coupling of the hooks, part 0.1 mm off its middle", *(f"{one.off_middle:+.2f}" for one in ways)])
+        rows.append(["coupling of the hooks, part 0.1 mm off centre", *(f"{one.off_middle:+.2f}" for one in ways)])
     return [
         "<p>How the greatest forces follow from the formula of design guides for snap-fits, all hooks together, "
         "with all friction:</p>",

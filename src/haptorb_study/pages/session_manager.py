@@ -18,7 +18,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.terminal import say
 from haptorb_study.codes import next_code
 from haptorb_study.database import list_participants
-from haptorb_study.halt import StopCount, StopSwitch
+from haptorb_study.stop_switch import StopCount, StopSwitch
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.streams import Streams
 from haptorb_study.study_file import Study
@@ -118,10 +118,10 @@ class SessionManager:
         self.stored = 0  #: stored answers of the last session
         self._recording: Path | None = None
         self._servo: Servo | None = None
-        self._inbox: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[dict[str, Any], StopCount, Respond]] = SimpleQueue()
         self._ended = threading.Event()
-        self._died = ""  # why the thread ended unexpectedly
-        self._next = 0.0  # next poll of the device
+        self._failure = ""  # why the thread ended unexpectedly
+        self._next_poll = 0.0  # next poll of the device
         self._thread = threading.Thread(target=self._run, name="sessions", daemon=True)
 
     def open(self) -> None:
@@ -138,15 +138,15 @@ class SessionManager:
     @property
     def dead(self) -> bool:
         """Whether the thread has ended unexpectedly: commands would not be executed."""
-        return bool(self._died) and not self._thread.is_alive()
+        return bool(self._failure) and not self._thread.is_alive()
 
     def enqueue(self, command: dict[str, Any], respond: Respond) -> None:
         """Enqueue `command`; `respond` receives the mistake, if there is one."""
-        if self._died:
-            raise InputError(f"the study program has failed and is closing: {self._died}")
-        if self._inbox.qsize() >= _MAX_QUEUED_COMMANDS:
-            raise InputError("too many commands are waiting (is the database locked?): try again in a moment")
-        self._inbox.put((command, self.halt.read_count(), respond))
+        if self._failure:
+            raise InputError(f"the study program has failed and is closing: {self._failure}")
+        if self._queue.qsize() >= _MAX_QUEUED_COMMANDS:
+            raise InputError("too many commands are queued (is the database locked?): try again in a moment")
+        self._queue.put((command, self.halt.read_count(), respond))
 
     @property
     def now(self) -> str:
@@ -169,13 +169,13 @@ class SessionManager:
     def step(self, wait: float = 0.0) -> None:
         """Execute the oldest command, waiting up to `wait` [s] for one, and poll the device."""
         try:
-            command, asked, respond = self._inbox.get(timeout=wait) if wait > 0 else self._inbox.get_nowait()
+            command, asked, respond = self._queue.get(timeout=wait) if wait > 0 else self._queue.get_nowait()
         except Empty:
-            self._next = 0.0
+            self._next_poll = 0.0
         else:
             self._try(lambda: self._execute(command, asked), respond)
-        if monotonic() >= self._next:
-            self._next = monotonic() + _POLL_INTERVAL_S
+        if monotonic() >= self._next_poll:
+            self._next_poll = monotonic() + _POLL_INTERVAL_S
             # A session whose device or database fails can be resumed, so it is ended here.
             self._try(self._tick, None)
 
@@ -185,15 +185,15 @@ class SessionManager:
             while not self._ended.is_set():
                 self.step(_POLL_INTERVAL_S)
         except BaseException as fault:
-            self._died = f"its thread ended: {explain_fault(fault)}"
+            self._failure = f"its thread ended: {explain_fault(fault)}"
         finally:
             self.halt.stop(None)
             runner = self.runner
             if runner is not None and runner.state not in OVER:
                 try_step(runner.leave)
-            self._end(self._died, "failed" if self._died else "left")
-            if self._died:
-                self.state, self.trouble = "failed", self._died
+            self._end(self._failure, "failed" if self._failure else "left")
+            if self._failure:
+                self.state, self.trouble = "failed", self._failure
 
     def _try(self, do: Callable[[], None], respond: Respond | None) -> None:
         """Call `do`, report exceptions; faults, failures of the servo and failures without a page end the session."""

@@ -40,7 +40,7 @@ class TrialViewers:
         """
         path = Path(part.partition("#t=")[0])
         if not path.exists():
-            raise InputError(f"the recording {path} is not there any more")
+            raise InputError(f"the recording {path} no longer exists")
         with self._changing:
             if self._closed or (part in self._running and self._running[part].poll() is None):
                 return

@@ -124,7 +124,7 @@ class Unfelt:
             )
         if not self.parameter:
             return (
-                f"{where}: the world renders nothing within reach of it, so there is nothing to answer to; a control "
+                f"{where}: the world renders nothing within reach of it, so there is nothing to feel; a control "
                 "condition without force says no_force = true"
             )
         return (

@@ -41,11 +41,11 @@ def simulate_value(
 
 def answer_study(study: Study, seed: tuple[int, ...], ordinal: int) -> tuple[Procedure, list[tuple[Prompt, Answer]]]:
     """The procedure after all trials of one simulated participant, and its prompts and answers."""
-    somebody = Participant(study, seed)
+    participant = Participant(study, seed)
     procedure: Procedure = procedure_of(study, plan(study, ordinal))
     responses: list[tuple[Prompt, Answer]] = []
     while (prompt := procedure.prompt) is not None:
-        answer = somebody.answer(prompt, len(responses))
+        answer = participant.answer(prompt, len(responses))
         procedure = procedure.record_answer(answer)
         responses.append((prompt, answer))
     return procedure, responses

@@ -110,11 +110,11 @@ def _average_slopes(answered: LevelCounts) -> Population:
     # At another mean lapse rate the same (1 − 2λ) b belongs to another b.
     same = (1 - 2 * _MEAN_LAPSES[:, None]) / (1 - 2 * _LAPSE_PRIOR_MEDIAN) * slopes
     above = _share_lapses() @ np.array([np.interp(row, slopes, above) for row in same])
-    told = (above < 0.025) | (above > 0.975)
+    excluded = (above < 0.025) | (above > 0.975)
     first, last = at, at
-    while first > 0 and not told[first - 1]:
+    while first > 0 and not excluded[first - 1]:
         first -= 1
-    while last < len(slopes) - 1 and not told[last + 1]:
+    while last < len(slopes) - 1 and not excluded[last + 1]:
         last += 1
     slope, shallow, steep = float(slopes[at]), float(slopes[first]), float(slopes[last])
     near = slice(max(at - 8, 0), at + 9)

@@ -76,7 +76,7 @@ def error_vectors(asked: ArrayLike, answered: ArrayLike) -> Array:
     n = _unit(asked, "asked")
     given = np.asarray(answered, dtype=float)
     if given.shape != n.shape:
-        raise InputError(f"as many answers as were asked are needed, shape {n.shape}; got {given.shape}")
+        raise InputError(f"answered directions must have the shape of the asked ones, {n.shape}; got {given.shape}")
     with np.errstate(invalid="ignore", divide="ignore"):
         a = given / np.linalg.norm(given, axis=-1, keepdims=True)
     cos = np.sum(n * a, axis=-1, keepdims=True)

@@ -47,20 +47,20 @@ class StopSwitch:
         self.why = ""  #: cause of the Stop in force
         self._servo: Servo | None = None
         self._numbers = count(1)
-        self._last = 0  # number of the last Stop
-        self._cleared = 0  # number of the last Stop before the coils were switched on again
+        self._last_stop = 0  # number of the last Stop
+        self._last_cleared = 0  # number of the last Stop before the coils were switched on again
         self._unrecorded: deque[StopEvent] = deque(maxlen=_MAX_UNRECORDED_STOPS)
 
     @property
     def active(self) -> bool:
         """Whether a Stop is in force: none resumed since."""
-        return self._last != self._cleared
+        return self._last_stop != self._last_cleared
 
     def stop(self, why: str | None = "") -> None:
         """Switch the coils off now. `why` is recorded; None: not recorded, because the session ends anyway."""
         stood = self.active
         # Number before servo: `attach` sets the servo before it reads the number, so one of the two stops it.
-        self._last = number = next(self._numbers)
+        self._last_stop = number = next(self._numbers)
         servo = self._servo
         if servo is not None:
             servo.stop()
@@ -72,11 +72,11 @@ class StopSwitch:
     def read_count(self) -> StopCount:
         """Stop count to pass on with a request, read when it arrives."""
         servo = self._servo
-        return StopCount(self._last, servo, 0 if servo is None else servo.stops)
+        return StopCount(self._last_stop, servo, 0 if servo is None else servo.stops)
 
     def attach(self, servo: Servo, asked: StopCount) -> None:
         """Attach `servo`, open or not; a Stop since `asked` already applies to it."""
-        self._cleared = asked.number
+        self._last_cleared = asked.number
         self._servo = servo
         if self.active:  # safety: study-stop-starting
             servo.stop()
@@ -95,12 +95,12 @@ class StopSwitch:
         servo = self._servo
         if servo is None or asked.servo is not servo:
             raise InputError("no device is running")
-        if asked.number != self._last:  # safety: study-asked-before
+        if asked.number != self._last_stop:  # safety: study-asked-before
             raise InputError(
-                "Stop was pressed in the meantime: the coils stay off. Press Resume again when everybody is ready"
+                "Stop was pressed in the meantime: the coils stay off. Press Resume again when all are ready"
             )
         servo.engage(asked.stops)  # safety: study-stop-engaging
-        self._cleared = asked.number
+        self._last_cleared = asked.number
 
     def pop_unrecorded(self) -> list[StopEvent]:
         """Remove and return the Stops that are to be recorded, oldest first."""
