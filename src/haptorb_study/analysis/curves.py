@@ -76,8 +76,8 @@ class ConditionCurves:
         if group.by_slope:
             found.append(
                 "group: the answers of at least one participant hardly depend on the level, so that the group is the "
-                f"mean slope and intercept, with lapses of {100 * group.lapse:g} %; differences between participants are "
-                "not estimated"
+                f"mean slope and intercept, with lapses of {100 * group.lapse:g} %; differences between participants "
+                "are not estimated"
             )
         return found
 

@@ -72,9 +72,9 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
         correction = _CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
         alike = "; if all values are equal, a sign-flip test" if row.test == "t" else ""
         yield (
-            f"p: two-sided {_TESTS[row.test]}, one value per participant{alike}. Corrected: {correction}, separately for "
-            "planned tests, tests over all conditions, and pairs of conditions. Intervals: Student's t over people; of "
-            "the effect sizes d_z and Hedges' g_av, noncentral t."
+            f"p: two-sided {_TESTS[row.test]}, one value per participant{alike}. Corrected: {correction}, separately "
+            "for planned tests, tests over all conditions, and pairs of conditions. Intervals: Student's t over "
+            "participants; of the effect sizes d_z and Hedges' g_av, noncentral t."
         )
 
 

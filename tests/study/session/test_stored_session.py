@@ -160,13 +160,13 @@ def test_a_refused_answer_leaves_nothing_behind(identify: Study, tmp_path: Path)
 def test_a_trial_that_somebody_else_wrote_is_not_written_twice(identify: Study, tmp_path: Path) -> None:
     engine = database(tmp_path / "s.db")
     with StoredSession(engine, identify, "P01") as session:
-        claim, session._claim = session._claim, None  # as if the lock had failed
+        lock, session._lock = session._lock, None  # as if the lock had failed
         claim.release()
         with StoredSession(engine, identify, "P01") as other:
             other.answer(Answer(1, HERE))
             with pytest.raises(RecordingError, match="already answered"):
                 session.answer(Answer(2, HERE))
-        session._claim = lock_session(engine, session.id)
+        session._lock = lock_session(engine, session.id)
     assert tidy(engine, identify)["answer"].tolist() == [1]
 
 
