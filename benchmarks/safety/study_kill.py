@@ -32,8 +32,8 @@ WORKER = """
 import os, sys
 from sqlalchemy import select, func
 from haptorb_study.database import database, sessions
-from haptorb_study.simulated import Participant
-from haptorb_study.session import StoredSession
+from haptorb_study.simulated.participant import Participant
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import study_of
 study = study_of('name = "killed"\\nprocedure = "staircase"\\n'
     '[levels]\\nreference = 1.2\\nleast = 0.02\\nmost = 1.0\\nstart = 0.5\\ntrials = 40\\n'

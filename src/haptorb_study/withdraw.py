@@ -208,8 +208,8 @@ def _erase(engine: Engine) -> None:
         busy = True
     if busy:
         raise RecordingError(
-            f"{engine.url.database} is in use by another program, so deleted data remain in its file: end that program, "
-            "then withdraw again"
+            f"{engine.url.database} is in use by another program, so deleted data remain in its file: end that "
+            "program, then withdraw again"
         )
 
 

@@ -309,7 +309,7 @@ def test_a_fault_that_a_message_meets_takes_no_stop_from_its_page(
     def fault(command: dict[str, Any], told: Any) -> None:
         raise ZeroDivisionError("nobody foresaw it")
 
-    monkeypatch.setattr(host.manager, "ask", fault)
+    monkeypatch.setattr(host.manager, "enqueue", fault)
     page.do("skip")
     page.until(lambda page: any("ZeroDivisionError" in mistake for mistake in page.mistakes))
     page.do("stop")

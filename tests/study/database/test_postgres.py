@@ -31,7 +31,7 @@ STATION = """
 import json, sys
 from haptorb_study.database import database
 from haptorb_study.procedures import Answer
-from haptorb_study.session import StoredSession
+from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import study_of
 url, first, each, text = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
 engine, study = database(url), study_of(text)

@@ -161,7 +161,7 @@ def test_a_trial_that_somebody_else_wrote_is_not_written_twice(identify: Study, 
     engine = database(tmp_path / "s.db")
     with StoredSession(engine, identify, "P01") as session:
         lock, session._lock = session._lock, None  # as if the lock had failed
-        claim.release()
+        lock.release()
         with StoredSession(engine, identify, "P01") as other:
             other.answer(Answer(1, HERE))
             with pytest.raises(RecordingError, match="already answered"):
