@@ -145,10 +145,10 @@ class Sitting:
         self.history: list[dict[str, Any]] = []
         self.prompt = Prompt(condition=study.conditions[0].name, set_point=1)
 
-    def note(self, kind: str, text: str = "", **more: Any) -> None:
+    def record_event(self, kind: str, text: str = "", **more: Any) -> None:
         return
 
-    def keep_late(self) -> None:
+    def store_late_events(self) -> None:
         return
 
     def answer(self, answer: Any, **more: Any) -> None:

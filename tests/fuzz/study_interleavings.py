@@ -98,7 +98,7 @@ class World:
 
     def step(self) -> None:
         """The session's thread."""
-        self.manager._next = 0.0  # it looks at the device as well
+        self.manager._next_poll = 0.0  # it looks at the device as well
         self.manager.step()
 
     def tick(self) -> None:
@@ -307,14 +307,14 @@ class Paper:
         self.check_kept()
         self.procedure, self.number = after, self.number + 1
 
-    def note(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
+    def record_event(self, kind: str, text: str = "", *, at: str | None = None, later: bool = False) -> None:
         """Keep that something happened."""
         if later:
             self._world.interrupt()
         else:
             self.check_kept()
 
-    def keep_late(self) -> None:
+    def store_late_events(self) -> None:
         """What could not be kept is kept."""
         self._world.interrupt()
 

@@ -95,7 +95,7 @@ def test_nothing_was_felt(tmp_path: Path) -> None:
     still = Trace(FIRM)
     still.extend(move(FIRM, 0.001, 0.05).all_rows[:1])
     assert {one.felt for one in compare_peaks(FIRM, course(FIRM), [still.all_rows])} == {None}
-    assert "not felt" in compare_peaks(FIRM, course(FIRM), [still.all_rows])[0].sentences[0]
+    assert "not moved" in compare_peaks(FIRM, course(FIRM), [still.all_rows])[0].sentences[0]
 
 
 class Page(HTMLParser):
