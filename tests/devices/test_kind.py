@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from haptorb.analysis.coupling import hold_mover
-from haptorb.analysis.error_sources import error_model
+from haptorb.analysis.error_models import error_model
 from haptorb.analysis.workspace import workspace
 from haptorb.cli.check_world import boundary
 from haptorb.cli.inspect import card

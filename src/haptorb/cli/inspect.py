@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.analysis.error_budget import COVERAGE, ErrorBudget, Report, WrenchBand, error_budget
-from haptorb.analysis.error_sources import error_model
+from haptorb.analysis.error_models import error_model
 from haptorb.arrays import Array
 from haptorb.control.capability import array_capability, map_contact, motor_capability
 from haptorb.devices.base import Device, State, device_function, endurance, rotation_to_axis, unsupported

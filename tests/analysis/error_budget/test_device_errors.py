@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from haptorb.analysis.error_sources import SIZES, ChainTrial, CurrentLoop, motor_errors, tool_errors
+from haptorb.analysis.electromagnet_errors import SIZES, tool_errors
+from haptorb.analysis.error_sources import ChainTrial, CurrentLoop
+from haptorb.analysis.motor_errors import motor_errors
 from haptorb.control.allocation import force_allocator, torque_allocator
 from haptorb.devices.base import State
 from haptorb.devices.field_sensors import SensorErrors

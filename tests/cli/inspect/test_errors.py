@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from haptorb.analysis.error_sources import array_errors
+from haptorb.analysis.array_errors import array_errors
 from haptorb.cli.inspect import report_errors
 from haptorb.control.array_allocation import array_allocator
 from haptorb.devices.base import State

@@ -1,0 +1,256 @@
+"""Error model of a coil array: from the commanded force to the force on the tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, final
+
+import numpy as np
+
+from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, choose_size
+from haptorb.analysis.error_sources import (
+    ChainTrial,
+    CurrentLoop,
+    MagnetStrength,
+    current_sources,
+    describe_share,
+    find_origin,
+    magnet_warmth,
+)
+from haptorb.arrays import Array
+from haptorb.control.array_allocation import array_allocator
+from haptorb.control.capability import array_capability
+from haptorb.devices.base import State, rotation_to_axis
+from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
+from haptorb.devices.electromagnet import FORCE_JND
+from haptorb.display import format_quantity
+from haptorb.errors import InputError, UnknownName
+from haptorb.estimation.calibration import Calibration
+from haptorb.magnetics.soft_sphere import answer_to_source
+from haptorb.rotations import turn_by
+
+__all__ = ["ArrayErrors", "ArrayPoint", "ArrayTrial", "array_errors"]
+
+
+# --------------------------------------------------------------------------------------------------
+# The chain of a coil array, from the force asked for to the force on the tool, with errors in it.
+#
+# The controller uses the device file and a pose; the true device has other magnets, other currents, another pose, and
+# coils that are off their places, askew and stronger or weaker. Both use the exact model. A soft core's answer to a
+# coil that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
+
+
+_STEP = (1e-4, 2e-3)  #: of a coil's place [m] and axis [rad], for the slopes of a core's answer
+_STILL = np.zeros(3)
+
+
+@dataclass
+class ArrayTrial(ChainTrial):
+    """How one device differs from its model."""
+
+    strength: float  #: remanence of the tool's magnets, true over model
+    shift: Array  #: (m, 3) true less stated place of each coil [m]
+    lean: Array  #: (m, 3) rotation from the stated to the true axis of each coil [rad]
+    turns: Array  #: (m,) relative error of each coil's field
+    place: Array  #: (3,) estimated minus true position of the tool [m]
+    turn: Array  #: (3,) rotation from the tool's true to its estimated orientation [rad]
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the magnets' strength by `factors` (1,)."""
+        self.strength *= float(factors[0])
+
+
+class ArrayPoint(NamedTuple):
+    """A tool, upright over a plate or radial over a dome, and the force asked for."""
+
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3); its columns are two tangents of the surface and what is normal to it
+    wrench: Array  #: (6,) [N, N·m]
+
+
+@final
+class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
+    """The error budget of `device` for forces of `asked` [N], with `sources`; a tracker measures the pose."""
+
+    unit, jnd, motion, estimator = "N", FORCE_JND, "at rest", "tracker"
+    regions = ("in contact", "lower half of the space", "upper half of the space")
+
+    def __init__(self, device: CoilArray, asked: float, sources: tuple[ErrorSource[ArrayTrial], ...]) -> None:
+        self.device, self.asked, self.sources = device.name, asked, sources
+        normal, level = ("radial", "tangential") if device.surface.is_dome else ("upwards", "along the plate")
+        self.components = (Component(normal, (2,)), Component(level, (0, 1)))
+        self._device, self._allocator, self._loop = device, array_allocator(device), CurrentLoop(device)
+        self._known = device.magnetics
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> ArrayPoint:
+        """Anywhere in the region, spread evenly over the surface; the force in any direction."""
+        surface, near = self._device.surface, self._device.contact_height
+        height = surface.thickness * max(rng.uniform(0.5 * region - 0.5, 0.5 * region), 0.0)
+        if surface.is_dome:
+            cosine, around = rng.uniform(np.cos(surface.half_angle), 1.0), rng.uniform(0, 2 * np.pi)
+            flat = np.sqrt(1 - cosine * cosine)
+            axis = np.array([flat * np.cos(around), flat * np.sin(around), cosine])
+            p, R = (near + height) * axis, rotation_to_axis(axis)
+        else:
+            side = np.array(surface.half_width)
+            p, R = np.array([*rng.uniform(-side, side), near + height]), np.eye(3)
+        direction, wrench = rng.standard_normal(3), np.zeros(6)
+        wrench[:3] = self.asked * direction / np.linalg.norm(direction)
+        return ArrayPoint(p, R, wrench)
+
+    def make_trial(self) -> ArrayTrial:
+        """The device of the model."""
+        m = self._device.channels
+        return ArrayTrial(
+            **vars(ChainTrial.exact(m)), strength=1.0, shift=np.zeros((m, 3)), lean=np.zeros((m, 3)),
+            turns=np.zeros(m), place=np.zeros(3), turn=np.zeros(3),
+        )  # fmt: skip
+
+    def wrench_error(self, point: ArrayPoint, trial: ArrayTrial) -> Array:
+        """(3,) along two tangents of the surface and its normal [N]."""
+        R = np.empty((3, 3))
+        x, y, z = trial.turn.tolist()
+        turn_by(x, y, z, np.ascontiguousarray(point.R), R)
+        believed = self._device.wrench_map(State(0.0, R, point.p + trial.place, _STILL, _STILL), self._device.models[0])
+        currents = self._loop.true_currents(self._allocator.allocate(believed, point.wrench).currents, trial)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents) - point.wrench[:3])
+        return error
+
+    def _deliver(self, point: ArrayPoint, trial: ArrayTrial, currents: Array) -> Array:
+        """(3,) the true force [N]: of the coils with the magnets' strength, of the core with its square."""
+        known = self._known
+        coils = known.coils.copy()
+        coils["centre"] += trial.shift
+        axis = coils["axis"] + np.cross(trial.lean, coils["axis"])
+        coils["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        coils["turns"] *= 1 + trial.turns
+        answers = known.answers
+        if known.core_radius > 0.0:
+            off = np.concatenate([trial.shift, trial.lean], axis=1)
+            answers = answers + np.einsum("ji,ijkc->jkc", off, self._slopes)
+            answers *= (1 + trial.turns)[:, None, None]
+        pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(coils))), np.empty(6)
+        pose[:3], pose[3] = point.R, point.p
+        array_wrench(known._replace(coils=coils, answers=answers), pose, matrix, passive)
+        force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * passive[:3]
+        return force
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """(6, m, k, 2) of the core's answer to each coil, by its place [1/m] and by turns of its axis [1/rad]."""
+        windings, core, order, slopes = self._device.windings, self._device.core, self._known.order, []
+        assert core is not None
+        for number in range(6):
+            along, step = np.eye(3)[number % 3], _STEP[number // 3]
+            if number < 3:
+                moved = replace(windings, position=windings.position + step * along)
+            else:
+                moved = replace(windings, axis=windings.axis + step * np.cross(along, windings.axis))
+            answers = np.stack([answer_to_source(core, placed, order) for placed in place_coils(moved)])
+            slopes.append((answers - self._known.answers) / step)
+        return np.stack(slopes)
+
+
+# --------------------------------------------------------------------------------------------------
+# What is not known exactly about a coil array: one class for each source.
+
+
+ARRAY_SOURCES_ESTIMATORS = ("tracker",)
+
+
+class CoilPlaces(ErrorSource[ArrayTrial]):
+    """Where each coil is."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("positions of the coils", format_quantity(standard, "m"), origin, 3 * coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Move each coil."""
+        trial.shift += self._standard * deviates.reshape(trial.shift.shape)
+
+
+class CoilAxes(ErrorSource[ArrayTrial]):
+    """Where each coil's axis points."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("axes of the coils", f"{np.degrees(standard):.3g}°", origin, 3 * coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Tilt each coil."""
+        trial.lean += self._standard * deviates.reshape(trial.lean.shape)
+
+
+class CoilStrengths(ErrorSource[ArrayTrial]):
+    """What each coil's field is per ampere."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("field per ampere of the coils", describe_share(standard), origin, coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Change each coil."""
+        trial.turns += self._standard * deviates
+
+
+class ToolPlace(ErrorSource[ArrayTrial]):
+    """The position from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Move the estimated position."""
+        trial.place += self._standard * deviates
+
+
+class ToolOrientation(ErrorSource[ArrayTrial]):
+    """The orientation from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
+        """Turn the estimated tool."""
+        trial.turn += self._standard * deviates
+
+
+def array_errors(
+    device: CoilArray,
+    asked: float | None = None,
+    estimator: str | None = None,
+    calibration: Calibration | None = None,
+) -> ArrayErrors:
+    """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its workspace.
+
+    Raises InputError for a force that the coils cannot give everywhere, and for a calibration, which arrays do not
+    have; UnknownName for another estimator than "tracker".
+    """
+    if calibration is not None:
+        raise InputError(f"device '{device.name}' is a {device.kind.title}; a calibration is for electromagnets")
+    if estimator not in (None, *ARRAY_SOURCES_ESTIMATORS):
+        raise UnknownName(f"estimator of the error budget of '{device.name}'", str(estimator), ARRAY_SOURCES_ESTIMATORS)
+    known, built, m = device.uncertainty, device.tolerance, device.channels
+
+    def origin(key: str) -> str:
+        return find_origin(device, known, key)
+
+    def origin_of_build(key: str) -> str:
+        return find_origin(device, known, key, "tolerance")
+
+    sources: tuple[ErrorSource[ArrayTrial], ...] = (
+        MagnetStrength("remanence", known.remanence, origin("remanence")),
+        magnet_warmth("temperature of the magnets", device, known),
+        CoilPlaces(built.position, origin_of_build("position"), m),
+        CoilAxes(built.tilt, origin_of_build("tilt"), m),
+        CoilStrengths(built.strength, origin_of_build("strength"), m),
+        ToolPlace(known.place, origin("place")),
+        ToolOrientation(known.axis, origin("axis")),
+        *current_sources(device, known, known.current_offset),
+    )
+    most = min(layer.weakest for layer in array_capability(device))
+    return ArrayErrors(device, choose_size(device.name, asked, most, "N"), sources)

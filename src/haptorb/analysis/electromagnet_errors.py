@@ -1,0 +1,787 @@
+"""Error model of a spherical electromagnet: from the commanded force to the force on the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol, final
+
+import numpy as np
+from scipy.special import ndtr
+
+from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, choose_size
+from haptorb.analysis.error_sources import (
+    ChainTrial,
+    CurrentLoop,
+    MagnetStrength,
+    SensorPlacement,
+    SensorTrial,
+    current_sources,
+    describe_share,
+    find_origin,
+    magnet_warmth,
+    sensor_sources,
+)
+from haptorb.arrays import Array
+from haptorb.control.allocation import force_allocator
+from haptorb.devices.base import State, rotation_to_axis
+from haptorb.devices.electromagnet import (
+    COILS_AS_POINTS,
+    FORCE_JND,
+    SphericalElectromagnet,
+    point_field,
+    shell_capability,
+)
+from haptorb.devices.electromagnet_model import CoreDynamics, WoundCoils, fill_wound, pull, ring_per_ampere
+from haptorb.devices.uncertainty import ElectromagnetTolerance
+from haptorb.display import format_quantity
+from haptorb.errors import UnknownName
+from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
+from haptorb.estimation.hall_tracker import CALIBRATED
+from haptorb.magnetics.coil import CentredCoil
+from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.soft_sphere import SoftSphere
+from haptorb.rotations import turn_by
+
+__all__ = ["HallFit", "HallPoint", "MomentFit", "ToolErrors", "ToolPoint", "ToolTrial", "tool_errors"]
+
+
+# --------------------------------------------------------------------------------------------------
+# The Hall tracker's estimate of the tool's pose, if magnets, coils, currents and sensors differ from its model.
+#
+# One step of the tracker's own weighted least squares, from the true pose: right to first order in the errors.
+
+
+class CalibratedTrial(Protocol):
+    """What a calibration depends on."""
+
+    moments: Array
+    gain: Array
+    placement: Array
+    reading: Array
+
+    def read_field(self, field: Array, frames: Array | None = None) -> Array:
+        """What the field sensors make of a field."""
+
+
+class HallPoint(NamedTuple):
+    """The tracker's least squares about one true pose."""
+
+    field: Array  #: (k, 3) of the estimated tool at the sensors [T]
+    solve: (
+        Array  #: (5, 3 k) from what is left of the readings to the place [m/T] and the turns about R's x and y [rad/T]
+    )
+
+
+class HallFit:
+    """The Hall tracker of `device`; calibrated: the sensors' offsets were measured, and are taken off."""
+
+    def __init__(self, device: SphericalElectromagnet, *, calibrated: bool = False) -> None:
+        self._model, self._per_ampere = ToolModel.of(device), coil_field(device)
+        hall, supply = device.hall, device.supply
+        noise = np.hypot(max(hall.noise, 1e-7), hall.step / np.sqrt(12))
+        self._noise = float(noise if calibrated else np.hypot(noise, hall.errors.offset))
+        moments = device.moment_per_current
+        self._read = (supply.current_noise**2 + supply.current_step**2 / 12) * (moments @ moments.T)
+        self._read = self._read + device.core_dynamics.remanent_moment**2 * np.eye(3)
+        self._columns = (moments**2).sum(axis=0)
+        self._unit = moment_field(device).reshape(-1, 3)
+        self._moments = moments
+        at, h = device.hall.positions.reshape(-1, 3), 1e-5
+        ahead, behind = (device.coil_fields((at + sign * h * np.eye(3)[:, None]).reshape(-1, 3)) for sign in (1, -1))
+        slope = ((ahead - behind) / (2 * h)).reshape(3, len(at), 3, -1)
+        self._coils, self._slopes = device.coil_fields(at), np.moveaxis(slope, 0, 2)  # (k, 3, m), (k, 3, 3, m)
+
+    def linearize(self, p: Array, R: Array, currents: Array) -> HallPoint:
+        """About the tool at p (3,) [m], R (3, 3); readings weighed as the tracker does under `currents` (m,) [A]."""
+        field, slopes = self._field(self._model, p, R)
+        moments = self._read + CALIBRATED**2 * float(self._columns @ currents**2) * np.eye(3)
+        spread = self._noise**2 * np.eye(len(self._unit)) + self._unit @ moments @ self._unit.T
+        design = slopes.reshape(-1, 5)
+        weighted = np.linalg.solve(spread, design).T
+        return HallPoint(field, np.linalg.solve(weighted @ design, weighted))
+
+    def _field(self, model: ToolModel, p: Array, R: Array) -> tuple[Array, Array]:
+        field, slopes = np.empty((len(model.sensors), 3)), np.empty((len(model.sensors), 3, 5))
+        tool_field(model, np.ascontiguousarray(p), np.ascontiguousarray(R), field, slopes)
+        return field, slopes
+
+    def read(
+        self, trial: SensorTrial, tool: State, strength: float, moments: Array, extra: Array, currents: Array,
+        more: Array,
+    ) -> Array:  # fmt: skip
+        """(k, 3) [T] the readings less what the tracker takes off for the currents; `more` (k, 3) [T] is in the field.
+
+        The magnet of `tool` has `strength` times the model's remanence; the coils have `moments` (3, m) [m²] per true
+        ampere of `currents` (m,) [A], and the core the moment `extra` (3,) [A·m²] beside that. Core and coils are at
+        the origin, the sensors off by their placement.
+        """
+        model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))
+        field = strength * self._field(model, tool.p, tool.R_SR)[0]
+        # coils that are stronger or weaker keep the form of their field; what lies across their axes is a dipole's
+        scale = (moments * self._moments).sum(axis=0) / self._columns
+        across = moments - scale * self._moments
+        amperes = scale * currents
+        field += self._coils @ amperes + np.einsum("kijm,kj,m->ki", self._slopes, trial.placement, amperes)
+        field += point_field(model.sensors) @ (across @ currents + extra) + more
+        left: Array = trial.read_field(field) - self._per_ampere @ trial.read_currents(currents)
+        return left
+
+
+class MomentFit:
+    """What the calibration of `device` found of the moments, by its own current and field sensors."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        self._places = np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3)
+        unit = moment_field(device).reshape(-1, 3)
+        self._solve = np.linalg.solve(unit.T @ unit, unit.T)
+
+    def find_true(self, trial: CalibratedTrial, more: Array) -> Array:
+        """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments.
+
+        more (k, 3, m) [T/A]: the field of the coils at the sensors beside that of coils as in the file.
+        """
+        at = self._places + trial.placement
+        fields = [trial.read_field(field) for field in np.moveaxis(point_field(at), 2, 0)]
+        read = np.stack([field - trial.reading for field in fields], axis=2).reshape(-1, 3)
+        seen = trial.moments - self._solve @ more.reshape(read.shape[0], -1)
+        moments: Array = np.linalg.solve(self._solve @ read, seen) * (1 + trial.gain)
+        return moments
+
+
+# --------------------------------------------------------------------------------------------------
+# Coils and core that are not built as the file says: what that does to the magnet, and to the field at the sensors.
+#
+# A winding that is off its place takes its own field along; the core's answer stays with the core, but for the second
+# harmonic with which it answers to a winding that is off its middle (`Windings.answer_shift`). Other sizes change the
+# strengths of the zonal terms. Where the moments per ampere were measured as fields, all this happens at the same field
+# there.
+
+
+SIZES = ("inner_radius", "outer_radius", "length")
+_SIZE_STEP = 2e-5  #: of a derivative by a size [m]
+
+
+@dataclass
+class BuiltTrial:
+    """How windings and core of one device differ from its file."""
+
+    offsets: Array  #: (3, 3) [m] of each winding from the centre
+    whole: Array  #: (3, 3) [m] of each winding with the core's answer to it from where the model has them
+    sizes: Array  #: (3, 3) [m] more inner radius, outer radius and length (rows) of each winding
+    core: Array  #: (3,) [m] of the core from the centre
+    softness: float  #: 1/permeability beside the file's
+    earth: Array  #: (3,) [T]
+
+    @classmethod
+    def exact(cls) -> BuiltTrial:
+        """As the file says."""
+        return cls(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(3))
+
+
+class BuiltCoils:
+    """Coils of `device`, whose sizes are known, that are built with the differences of a `BuiltTrial`."""
+
+    def __init__(self, device: SphericalElectromagnet) -> None:
+        assert device.windings is not None
+        wound, windings, core = device.wound_coils, device.windings, device.core
+        count = wound.terms.shape[1]
+        alone = SoftSphere(core.radius, 1.0)
+        self._wound, self._sizes = wound, np.linalg.norm(device.moment_per_current, axis=0)
+        raw, alone_terms = (
+            np.stack([CentredCoil(coil, ball, wound.nearest).terms(wound.reach, count) for coil in windings.coils])
+            for ball in (core, alone)
+        )
+        self._shift = windings.answer_shift(core)
+        self._own: Array = alone_terms * (wound.terms[:, :1] / raw[:, :1])
+        self._core: Array = wound.terms - self._own
+        closest = max(device.contact_distance - device.tool.length / 2, device.dome_radius)
+        measured = device.moments_from == "device file"
+        slopes = []
+        for name in SIZES:
+            either = []
+            for step in (_SIZE_STEP, -_SIZE_STEP):
+                sizes = replace(windings, **{name: getattr(windings, name) + step})
+                moments = device.moment_per_current
+                if device.moments_from == "windings":
+                    was, now = (one.moment_per_current(core, device.moments_at) for one in (windings, sizes))
+                    moments = moments * (np.diag(now) / np.diag(was))
+                made = sizes.wound(core, moments, device.moments_at, wound.nearest, closest)
+                padded = np.zeros_like(wound.terms)
+                many = min(count, made.terms.shape[1])
+                degrees = 2 * np.arange(many) + 2
+                padded[:, :many] = made.terms[:, :many] * (made.reach / wound.reach) ** degrees
+                either.append(padded)
+            slopes.append((either[0] - either[1]) / (2 * _SIZE_STEP))
+        self._by_size = np.stack(slopes)  # (3 sizes, m, k)
+        # relative change of the field where it was measured, per way of winding and core along the axis [1/m]
+        self._steeper = np.zeros((2, device.channels))
+        if measured and np.isfinite(device.moments_at):
+            n = 2 * np.arange(count) + 1
+            share = (n + 1) * (wound.reach / device.moments_at) ** (n + 2)
+            whole = wound.terms @ share
+            for row, terms in enumerate((self._own, self._core)):
+                self._steeper[row] = terms @ (share * (n + 2)) / whole / device.moments_at
+        self._sensors = np.ascontiguousarray(np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3))
+
+    def map(self, rows: Array, built: BuiltTrial, moments: Array, more: Array, p: Array, R: Array) -> Array:
+        """(6, m) [N/A, N·m/A] on charges `rows` (4, n) at p (3,) [m], R (3, 3), for `moments` (3, m) [m²].
+
+        more (m, k) [T·m/A]: added to the windings' terms, for a core of another size.
+        """
+        sizes, wound = np.linalg.norm(moments, axis=0), self._wound
+        axes = np.ascontiguousarray((moments / sizes).T)
+        answered = built.core + np.einsum("jab,jb->ja", self._shift, built.core - built.offsets)
+        along, core = (built.offsets * axes).sum(axis=1), (answered * axes).sum(axis=1)
+        scale = sizes / self._sizes / (1.0 + self._steeper[0] * along + self._steeper[1] * core)
+        winding: Array = self._own + more + np.einsum("sjk,sj->jk", self._by_size, built.sizes)
+        own, answers = (np.ascontiguousarray(scale[:, None] * terms) for terms in (winding, self._core))
+        out, windings, middle = np.empty((6, len(sizes))), np.empty((6, len(sizes))), wound.centres + built.whole
+        fill_wound(rows, answers, wound.reach, wound.nearest, axes, middle + answered, p, R, out)
+        fill_wound(rows, own, wound.reach, wound.nearest, axes, middle + built.offsets, p, R, windings)
+        out += windings
+        return out
+
+    def add_field(self, built: BuiltTrial, moments: Array) -> Array:
+        """(k, 3, m) [T/A] what such coils make at the field sensors beside what coils as in the file make."""
+        found, upright = np.empty((len(self._sensors), 3, len(self._sizes))), np.eye(3)
+        none, unit = np.zeros_like(self._own), np.array([[0.0], [0.0], [0.0], [1.0]])
+        for k, at in enumerate(self._sensors):
+            there, here = (self.map(unit, one, moments, none, at, upright) for one in (built, BuiltTrial.exact()))
+            found[k] = there[:3] - here[:3]
+        return found
+
+
+class WindingSizes(ErrorSource["ToolTrial"]):
+    """Radii and length of each winding."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("sizes of the windings", format_quantity(standard, "m"), origin, 9)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the sizes."""
+        trial.built.sizes += self._standard * spread_evenly(deviates).reshape(3, 3)
+
+
+class WindingPositions(ErrorSource["ToolTrial"]):
+    """Where each winding is."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("positions of the windings", format_quantity(standard, "m"), origin, 9)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the windings."""
+        trial.built.offsets += self._standard * spread_evenly(deviates).reshape(3, 3)
+
+
+class CoilCentres(ErrorSource["ToolTrial"]):
+    """Where each coil with the core's answer to it is, as far as a calibration found it."""
+
+    def __init__(self, standard: Array, origin: str) -> None:
+        text = format_quantity(float(np.sqrt((standard**2).mean())), "m")
+        super().__init__("centres of the coils", text, origin, standard.size)
+        self._standard = standard  # (m, 3) [m]
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the coils."""
+        trial.built.whole += self._standard * deviates.reshape(self._standard.shape)
+
+
+class CorePosition(ErrorSource["ToolTrial"]):
+    """Where the core is among the windings."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("position of the core in the windings", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the core."""
+        trial.built.core += self._standard * spread_evenly(deviates)
+
+
+class CorePermeability(ErrorSource["ToolTrial"]):
+    """How soft the core is: its answer to the tool follows, the moments are measured with it."""
+
+    def __init__(self, bounds: tuple[float, float], file: float, origin: str) -> None:
+        super().__init__("permeability of the core", f"{bounds[0]:g} to {bounds[1]:g}", origin, 1)
+        self._bounds, self._file = np.log(bounds), file
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the permeability."""
+        low, high = self._bounds
+        trial.built.softness += float(np.exp(-(low + (high - low) * ndtr(deviates[0])))) - 1.0 / self._file
+
+
+class EarthField(ErrorSource["ToolTrial"]):
+    """The uniform field in which the device stands."""
+
+    def __init__(self, size: float, origin: str) -> None:
+        super().__init__("earth's field", format_quantity(size, "T"), origin, 3)
+        self._size = size
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Turn it anywhere."""
+        trial.built.earth += self._size * deviates / np.linalg.norm(deviates)
+
+
+class WindingTilts(ErrorSource["ToolTrial"]):
+    """The axes of windings whose moments were computed."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("axes of the windings", f"{np.degrees(standard):.3g}°", origin, 9)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Turn the moments."""
+        lean = self._standard * spread_evenly(deviates).reshape(3, 3)
+        trial.moments += np.cross(lean, trial.moments.T).T
+
+
+class WindingTurns(ErrorSource["ToolTrial"]):
+    """How many turns windings have whose moments were computed."""
+
+    def __init__(self, standard: float, origin: str, coils: int) -> None:
+        super().__init__("turns of the windings", describe_share(standard), origin, coils)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the moments."""
+        trial.moments *= 1.0 + self._standard * spread_evenly(deviates)
+
+
+def spread_evenly(deviates: Array) -> Array:
+    """Numbers with standard deviation 1, all from −√3 to √3 alike likely, from normal `deviates` of any shape."""
+    found: Array = np.sqrt(3.0) * (2.0 * ndtr(deviates) - 1.0)
+    return found
+
+
+def built_sources(
+    device: SphericalElectromagnet, known: ElectromagnetTolerance, calibration: Calibration | None
+) -> list[ErrorSource[ToolTrial]]:
+    """What [tolerance] says of how windings and core are built, or `calibration` of where the coils are."""
+
+    def origin(key: str) -> str:
+        if f"tolerance.{key}" in device.assumed:
+            return "assumed"
+        return "device file" if key in known.model_fields_set else "default"
+
+    placed = None if calibration is None else calibration.centre_uncertainty
+    found: list[ErrorSource[ToolTrial]] = [
+        CorePermeability(known.core_permeability, device.core_permeability, origin("core_permeability")),
+        EarthField(known.earth_field, origin("earth_field")),
+    ]
+    if placed is not None:
+        found.append(CoilCentres(placed, "calibration"))
+    else:
+        found.append(CorePosition(known.core_position, origin("core_position")))
+    if device.has_sizes:
+        if placed is None:
+            found.append(WindingPositions(known.position, origin("position")))
+        found.append(WindingSizes(known.winding, origin("winding")))
+        if device.moments_from == "windings" and calibration is None:
+            found.append(WindingTilts(known.tilt, origin("tilt")))
+            found.append(WindingTurns(known.turns, origin("turns"), device.channels))
+    return found
+
+
+# --------------------------------------------------------------------------------------------------
+# The chain of a spherical electromagnet, from the force asked for to the force on the tool, with errors in it.
+#
+# The controller uses the device file and a pose; the true device has other magnets, other currents and another pose.
+# Both use the device's first model; what is wrong with that is no part of the budget. The force is at rest: what the
+# loop's delay and the coils' inductance do to a force that changes is known, and not uncertain.
+
+
+REGIONS = ("in contact", "lower half of the shell", "upper half of the shell")
+COMPONENTS = (Component("radial", (2,)), Component("tangential", (0, 1)))
+
+
+@dataclass
+class ToolTrial(SensorTrial):
+    """How one device differs from its model."""
+
+    strength: float  #: remanence of the tool's magnet, true over model
+    moments: Array  #: (3, 3) true moment per ampere [m²]
+    core_radius: float  #: true minus model [m]
+    shift: Array  #: (3,) of core and coils from the frame's origin [m]
+    place: Array  #: (3,) estimated minus true position of the tool's magnet [m]
+    turn: Array  #: (3,) rotation from the tool's true to its estimated axis [rad]
+    remanent: Array  #: (3,) moment that stays in the core [A·m²]
+    lag: complex  #: what eddy currents take of a moment that turns, relative
+    turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
+    built: BuiltTrial  #: how windings and core differ
+
+    def strengthen(self, factors: Array) -> None:
+        """Multiply the magnet's strength by `factors` (1,)."""
+        self.strength *= float(factors[0])
+
+
+class ToolPoint(NamedTuple):
+    """A radial tool, and the force asked for."""
+
+    p: Array  #: (3,) [m]
+    R: Array  #: (3, 3); its columns are two tangents and the radius
+    wrench: Array  #: (6,) [N, N·m]
+    hall: HallPoint | None  #: where the field sensors tell the pose
+
+
+@final
+class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
+    """The error budget of `device` for forces of `asked` [N], with `sources`.
+
+    estimator          "tracker" or "hall"
+    radius_span [m]    up to how far from the device file's the core's radius is looked up, less where the magnet is
+                       near; 0: it is exact
+    calibrated         the moments were measured with the device's own sensors, whose errors are in them
+    frequency [Hz]     at which the force turns
+    """
+
+    unit, jnd, regions, components = "N", FORCE_JND, REGIONS, COMPONENTS
+
+    def __init__(
+        self,
+        device: SphericalElectromagnet,
+        asked: float,
+        sources: tuple[ErrorSource[ToolTrial], ...],
+        estimator: str,
+        radius_span: float,
+        *,
+        calibrated: bool = False,
+        frequency: float = 0.0,
+    ) -> None:
+        self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
+        self._device = device
+        self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
+        # After a self-calibration it is known how well the sensors tell the pose.
+        senses = estimator == "hall" and device.hall.correction is None
+        self._hall = HallFit(device, calibrated=calibrated) if senses else None
+        self._calibrated = MomentFit(device) if calibrated else None
+        self.motion = f"turning at {frequency:g} Hz" if frequency else "at rest"
+        tool = device.tool
+        self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
+        self._moments = np.array(device.moment_per_current, dtype=np.float64, order="C")
+        self._far = np.linalg.norm(device.far_moments, axis=0) / np.linalg.norm(self._moments, axis=0)
+        self._pull = device.passive_pull
+        air = self._pull.nearest - self._pull.core_radius - max(tool.length / 2, tool.outer_radius)
+        self._span = max(min(radius_span, 0.3 * air, 0.5 * device.core_radius), 1e-9)
+        self._tables = [self._tabulate(k * self._span) if radius_span else self._pull.table for k in (-1, 0, 1)]
+        spans = (-1, 0, 1) if radius_span else (0, 0, 0)
+        self._wound = [self._wind(k * self._span) for k in spans] if device.has_sizes else None
+        self._built = BuiltCoils(device) if device.has_sizes else None
+        hard = 1.0 / device.core_permeability
+        softest = max(_HARDEST, 2.0 * hard)
+        self._softer: Array = (self._tabulate(0.0, 1.0 / softest) - self._pull.table) / (softest - hard)
+
+    def _tabulate(self, more: float, permeability: float | None = None) -> Array:
+        """The core's pull if its radius were `more` [m] larger than in the model, or it had another permeability."""
+        known = self._pull
+        soft = known.core_permeability if permeability is None else permeability
+        return replace(known, core_radius=known.core_radius + more, core_permeability=soft).table
+
+    def _wind(self, more: float) -> WoundCoils:
+        """The coils, with as many terms as in the model, if the core's radius were `more` [m] larger; their measured
+        fields are the same."""
+        wound = replace(self._device, core_radius=self._device.core_radius + more).wound_coils
+        terms = np.zeros_like(self._device.wound_coils.terms)
+        terms[:, : wound.terms.shape[1]] = wound.terms[:, : terms.shape[1]]
+        return wound._replace(terms=terms)
+
+    def draw_point(self, region: int, rng: np.random.Generator) -> ToolPoint:
+        """Anywhere in the region, spread evenly over the dome; the tool is radial, the force in any direction."""
+        device = self._device
+        cosine = rng.uniform(np.cos(device.workspace_half_angle), 1.0)
+        azimuth, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.5 * region - 0.5, 0.5 * region)
+        flat = np.sqrt(1 - cosine * cosine)
+        axis = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), cosine])
+        distance = device.contact_distance + max(height, 0.0) * device.shell_thickness
+        wrench = np.zeros(6)
+        direction = rng.standard_normal(3)
+        wrench[:3] = self.asked * direction / np.linalg.norm(direction)
+        p, R = distance * axis, rotation_to_axis(axis)
+        if self._hall is None:
+            return ToolPoint(p, R, wrench, None)
+        state = State(0.0, R, p, np.zeros(3), np.zeros(3))
+        currents = self._allocator.allocate(device.wrench_map(state, device.models[0]), wrench).currents
+        return ToolPoint(p, R, wrench, self._hall.linearize(p, R, currents))
+
+    def make_trial(self) -> ToolTrial:
+        """The device of the model."""
+        exact, k = ChainTrial.exact(self._device.channels), self._device.sensors
+        return ToolTrial(
+            **vars(exact), mixing=np.zeros((k, 3, 3)), reading=np.zeros((k, 3)), placement=np.zeros((k, 3)),
+            strength=1.0, moments=self._moments.copy(), core_radius=0.0, shift=np.zeros(3), place=np.zeros(3),
+            turn=np.zeros(3), remanent=np.zeros(3), lag=0.0, turning=np.zeros(3), built=BuiltTrial.exact(),
+        )  # fmt: skip
+
+    def wrench_error(self, point: ToolPoint, trial: ToolTrial) -> Array:
+        """(3,) along two tangents and the radius [N]."""
+        more = np.zeros((self._device.sensors, 3, self._device.channels))
+        if self._built is not None and (self._calibrated is not None or point.hall is not None):
+            more = self._built.add_field(trial.built, trial.moments)
+        if self._calibrated is not None:
+            trial.moments = self._calibrated.find_true(trial, more)
+        place, turn = trial.place, trial.turn
+        currents, extra = np.zeros(self._device.channels), np.zeros(3)
+        # Currents follow from the pose, and the pose from readings with the coils' field in them: the third time all
+        # agree, and the first pose of a tracker is its last.
+        for _ in range(1 if point.hall is None else 3):
+            if self._hall is not None and point.hall is not None:
+                place, turn = self._locate(self._hall, point, trial, extra, currents, more)
+            R = np.empty((3, 3))
+            turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
+            believed = self._device.wrench_map(
+                State(0.0, R, point.p + place, np.zeros(3), np.zeros(3)), self._device.models[0]
+            )
+            wanted = self._allocator.allocate(believed, point.wrench).currents
+            currents = self._loop.true_currents(wanted, trial)
+            extra = trial.remanent - self._lag(point, trial, believed.force)
+            extra += self._device.core.moment_in(trial.built.earth)
+        error: Array = point.R.T @ (self._deliver(point, trial, currents, extra) - point.wrench[:3])
+        return error
+
+    def _locate(
+        self, hall: HallFit, point: ToolPoint, trial: ToolTrial, extra: Array, currents: Array, more: Array
+    ) -> tuple[Array, Array]:
+        """(3,) estimated minus true position [m], and rotation from the true to the estimated axis [rad].
+
+        Core and coils are off their place by `trial.shift`, which the tracker does not know: for them, tool and
+        sensors are off, the other way.
+        """
+        assert point.hall is not None
+        still = np.zeros(3)
+        tool = State(0.0, point.R, point.p - trial.shift, still, still)
+        seen_from_core = replace(trial, placement=trial.placement - trial.shift)
+        beside = more @ currents + trial.built.earth
+        left = hall.read(seen_from_core, tool, trial.strength, trial.moments, extra, currents, beside)
+        fit = point.hall.solve @ (left - point.hall.field).ravel()
+        return fit[:3], point.R[:, :2] @ fit[3:]
+
+    def _lag(self, point: ToolPoint, trial: ToolTrial, force_per_ampere: Array) -> Array:
+        """(3,) what is missing of the moment because the force turns, and the core is late [A·m²]."""
+        if trial.lag == 0:
+            return np.zeros(3)
+        force = point.wrench[:3]
+        across = trial.turning - force * (trial.turning @ force) / (force @ force)
+        across *= self.asked / np.linalg.norm(across)
+        both = np.stack([force, across], axis=1)
+        moments = trial.moments @ (self._far[:, None] * np.linalg.solve(force_per_ampere, both))
+        missing: Array = trial.lag.real * moments[:, 0] + trial.lag.imag * moments[:, 1]
+        return missing
+
+    def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array, extra: Array) -> Array:
+        """(3,) the true force [N]: of the coils and the moment `extra` (3,) [A·m²] with the magnet's strength, of the
+        core with its square."""
+        matrix, passive, still, built = np.empty((6, 3)), np.zeros(6), np.zeros(6), trial.built
+        p, per_moment = point.p - trial.shift, np.eye(3)
+        from_core = p - built.core
+        ring_per_ampere(
+            self._rows, self._tables[1], self._pull.nearest, per_moment, from_core, point.R, matrix, passive
+        )
+        made, x = matrix[:3] @ extra, trial.core_radius / self._span
+        if self._wound is None or self._built is None:
+            made += matrix[:3] @ trial.moments @ currents
+        else:
+            terms = [one.terms for one in self._wound]
+            more = _interpolate(terms, x) - terms[1]
+            rows = self._device.wound_ring[0]
+            made += self._built.map(rows, built, trial.moments, more, p, point.R)[:3] @ currents
+        table = _interpolate(self._tables, x) + built.softness * self._softer
+        pull(table, self._pull.nearest, from_core, np.ascontiguousarray(point.R[:, 2]), still)
+        force: Array = trial.strength * made + trial.strength**2 * still[:3]
+        return force
+
+
+def _interpolate(values: Sequence[Array], x: float) -> Array:
+    """The parabola through the three `values` at −1, 0 and 1, at x."""
+    low, middle, high = values
+    found: Array = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
+    return found
+
+
+ESTIMATORS = ("tracker", "hall")
+_TOOL_SOURCES_AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
+_HARDEST = 1 / 200  #: 1/permeability between which and the file's the pull changes in proportion
+_SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola continues
+
+
+class Moments(ErrorSource[ToolTrial]):
+    """The moments per ampere, every component of every coil."""
+
+    def __init__(self, standard: Array, share: str, origin: str) -> None:
+        super().__init__("moments per ampere", share, origin, standard.size)
+        self._standard = standard  # (3, m) [m²]
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the moments."""
+        trial.moments += self._standard * deviates.reshape(self._standard.shape)
+
+
+class TrackedPlace(ErrorSource[ToolTrial]):
+    """The position from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move the estimated position."""
+        trial.place += self._standard * deviates
+
+
+class TrackedAxis(ErrorSource[ToolTrial]):
+    """The direction from the tracker."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("tracked axis", f"{np.degrees(standard):.3g}°", origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Turn the estimated axis."""
+        trial.turn += self._standard * deviates
+
+
+class CorePlace(ErrorSource[ToolTrial]):
+    """Where core and coils are."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("position of core and coils", format_quantity(standard, "m"), origin, 3)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Move core and coils."""
+        trial.shift += self._standard * deviates
+
+
+class CoreRadius(ErrorSource[ToolTrial]):
+    """How large the core is: its pull follows, the moments are measured with it."""
+
+    def __init__(self, standard: float, origin: str) -> None:
+        super().__init__("radius of the core", format_quantity(standard, "m"), origin, 1)
+        self._standard = standard
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Change the radius."""
+        trial.core_radius += self._standard * float(deviates[0])
+
+
+class CoreRemanence(ErrorSource[ToolTrial]):
+    """The moment that stays in the core: along every axis anywhere between its greatest values."""
+
+    def __init__(self, core: CoreDynamics, origin: str) -> None:
+        super().__init__("remanence of the core", f"{1e3 * core.remanent_moment / np.sqrt(3):.2g} mA·m²", origin, 4)
+        self._core = core
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Add to the moment."""
+        most = self._core.remanent_moment * np.exp(np.log1p(self._core.spread) * deviates[3])
+        trial.remanent += most * (2 * ndtr(deviates[:3]) - 1)
+
+
+class EddyLag(ErrorSource[ToolTrial]):
+    """Eddy currents in the core, while the force turns at `frequency` [Hz] into any direction across it."""
+
+    def __init__(self, core: CoreDynamics, frequency: float, origin: str) -> None:
+        text = f"{100 * core.lag(frequency):.2g} % at {frequency:g} Hz"
+        super().__init__("eddy currents in the core", text, origin, 5)
+        self._core, self._turn = core, 2 * np.pi * frequency
+
+    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
+        """Let the core be late."""
+        share, time = np.exp(np.log1p(self._core.spread) * deviates[:2])
+        x = 1j * self._turn * time * self._core.eddy_time
+        trial.lag = complex(share * self._core.eddy_share * x / (1 + x))
+        trial.turning = deviates[2:]
+
+
+def tool_errors(
+    device: SphericalElectromagnet,
+    asked: float | None = None,
+    estimator: str | None = None,
+    calibration: Calibration | None = None,
+    frequency: float = 10.0,
+) -> ToolErrors:
+    """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its shell.
+
+    The force turns at `frequency` [Hz]; 0: it is at rest. With a `calibration` the moments are as uncertain as it says
+    and as the field sensors are with which it was made; the gains of the current sensors cancel.
+
+    Raises InputError for a force that the coils cannot give in every direction, UnknownName for another estimator than
+    "tracker" and, where the device has field sensors enough, "hall".
+    """
+    known_estimators = ESTIMATORS if device.sensors > 1 else ESTIMATORS[:1]
+    chosen = ESTIMATORS[0] if estimator is None else estimator
+    if chosen not in known_estimators:
+        raise UnknownName(f"estimator of the error budget of '{device.name}'", chosen, known_estimators)
+    believed = device if calibration is None else calibration.apply(device)
+    known, core = believed.uncertainty, believed.core_dynamics
+
+    def origin(key: str, section: str = "uncertainty") -> str:
+        return find_origin(device, known, key, section)
+
+    weighed = None if calibration is None else calibration.strength_uncertainty
+    sources: list[ErrorSource[ToolTrial]] = [
+        MagnetStrength("remanence", known.remanence, origin("remanence"))
+        if weighed is None
+        else MagnetStrength("strength of the magnet", weighed, "calibration"),
+        magnet_warmth("temperature of the magnet", device, known),
+        *_tool_sources_pose_sources(believed, chosen, calibration),
+        CorePlace(known.core_place, origin("core_place")),
+        CoreRadius(known.core_radius, origin("core_radius")),
+        *current_sources(device, known, known.current_offset),
+    ]
+    computed = believed.moments_from == "windings" and believed.has_sizes and believed.tolerance is not None
+    if not computed:  # else by how windings are built
+        sources.append(_moments(believed, calibration))
+    if believed.tolerance is not None:
+        sources += built_sources(believed, believed.tolerance, calibration)
+    if core.remanent_moment:
+        sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
+    if core.eddy_share and frequency:
+        sources.append(EddyLag(core, frequency, origin("eddy_share", "core_dynamics")))
+    layers = shell_capability(believed, points=24).layers
+    force = choose_size(believed.name, asked, min(min(one.peak_radial, one.peak_tangential) for one in layers), "N")
+    made = ToolErrors(
+        believed, force, tuple(sources), chosen, _SPAN * known.core_radius,
+        calibrated=calibration is not None and weighed is None,  # what a load cell told is not of the field sensors
+        frequency=frequency,
+    )  # fmt: skip
+    if not believed.has_sizes:
+        made.left_out = COILS_AS_POINTS
+    return made
+
+
+def _tool_sources_pose_sources(
+    device: SphericalElectromagnet, estimator: str, calibration: Calibration | None
+) -> tuple[ErrorSource[ToolTrial], ...]:
+    """How the pose is known, and how well; and the field sensors, where the moments were measured with them."""
+    known, found = device.uncertainty, None if calibration is None else calibration.sensors
+    pose: tuple[ErrorSource[ToolTrial], ...] = ()
+    if estimator == "tracker":
+        pose = (
+            TrackedPlace(known.place, find_origin(device, known, "place")),
+            TrackedAxis(known.axis, find_origin(device, known, "axis")),
+        )
+    elif found is not None:  # what is stated are lengths of errors over all axes
+        pose = (
+            TrackedPlace(found.place / np.sqrt(3), "calibration"),
+            TrackedAxis(found.axis / np.sqrt(2), "calibration"),
+        )
+    if estimator == "tracker" and calibration is None:
+        return pose
+    placement = SensorPlacement[ToolTrial](
+        device.hall.errors.placement, find_origin(device, known, "placement", "hall"), device.sensors
+    )
+    return (*pose, *sensor_sources(device, device.hall, "hall", _TOOL_SOURCES_AVERAGED), placement)
+
+
+def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> Moments:
+    sizes = np.linalg.norm(device.moment_per_current, axis=0)
+    if calibration is not None:
+        share = float((calibration.uncertainty / sizes).max())
+        return Moments(calibration.uncertainty, describe_share(share), "calibration")
+    share = device.uncertainty.moments
+    spread = np.broadcast_to(share * sizes, (3, device.channels))
+    return Moments(spread, describe_share(share), find_origin(device, device.uncertainty, "moments"))
