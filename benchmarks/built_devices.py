@@ -20,7 +20,7 @@ import numpy as np
 from calibrated_budget import READING, STEPS, find_calibration
 from error_budget import draw_direction
 from haptorb.arrays import Array
-from haptorb.cli.calibration_dialog import Pace, hold_tool
+from haptorb.cli.calibration_measurement import Pace, hold_tool
 from haptorb.control.allocation import force_allocator
 from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet

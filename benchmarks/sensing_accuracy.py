@@ -25,7 +25,8 @@ from scipy.spatial.transform import Rotation
 
 from changed_readings import ChangedReadings
 from haptorb.arrays import Array
-from haptorb.cli.calibration_dialog import Pace, check_steps, guide_calibration, hold_tool
+from haptorb.cli.calibration_dialog import check_steps, guide_calibration
+from haptorb.cli.calibration_measurement import Pace, hold_tool
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load

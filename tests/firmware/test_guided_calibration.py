@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.cli.calibration_dialog import CalibrationEffort, Dialog, Pace, Step, check_steps, guide_calibration
+from haptorb.cli.calibration_dialog import Dialog, check_steps, guide_calibration
+from haptorb.cli.calibration_measurement import Pace
+from haptorb.cli.calibration_steps import CalibrationEffort, Step
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator

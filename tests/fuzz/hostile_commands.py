@@ -270,7 +270,7 @@ def _run(command: str) -> int:
 
             sample(load_design(words[0], announce_code), "sobol", 1, 0)
         elif name == "THERMAL":
-            from haptorb.cli.calibration_dialog import thermal_record
+            from haptorb.cli.thermal_record import thermal_record
             from haptorb.devices.loader import load
 
             thermal_record(words[0], load("omni"))

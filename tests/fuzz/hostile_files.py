@@ -37,7 +37,9 @@ import numpy as np
 import zstandard
 
 from haptorb import worlds
-from haptorb.cli.calibration_dialog import STEPS, ProgressFile, calibration_of, thermal_record
+from haptorb.cli.calibration_progress import ProgressFile
+from haptorb.cli.calibration_steps import STEPS, calibration_of
+from haptorb.cli.thermal_record import thermal_record
 from haptorb.cli.world_option import parse_settings
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError, RecordingWarning

@@ -12,7 +12,7 @@ from haptorb.errors import InputError
 from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
 
 if TYPE_CHECKING:
-    from haptorb.cli.calibration_dialog import Step
+    from haptorb.cli.calibration_steps import Step
 
 __all__ = ["register"]
 
@@ -53,8 +53,10 @@ def calibrate(
     """Calibrate a device: current sensing, field per ampere, heat, tool and field sensors. It can be resumed."""
     import numpy as np
 
-    from haptorb.cli.calibration_dialog import Dialog, check_steps, guide_calibration, make_driver, thermal_record
+    from haptorb.cli.calibration_dialog import Dialog, check_steps, guide_calibration
+    from haptorb.cli.calibration_measurement import make_driver
     from haptorb.cli.progress import time_bar
+    from haptorb.cli.thermal_record import thermal_record
     from haptorb.devices.electromagnet import electromagnet
     from haptorb.devices.loader import load
     from haptorb.estimation.calibration import check_writable

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from haptorb.cli import main
-from haptorb.cli.calibration_dialog import calibrate, make_driver, thermal_record
+from haptorb.cli.calibration_measurement import calibrate, make_driver
+from haptorb.cli.thermal_record import thermal_record
 from haptorb.devices.base import HeatCoupling
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName

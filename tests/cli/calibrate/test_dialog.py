@@ -13,15 +13,11 @@ import numpy as np
 import pytest
 
 from haptorb.cli import main
-from haptorb.cli.calibration_dialog import (
-    CalibrationEffort,
-    Dialog,
-    HeatingSchedule,
-    ProgressFile,
-    check_steps,
-    guide_calibration,
-    make_driver,
-)
+from haptorb.cli.calibration_dialog import Dialog, check_steps, guide_calibration
+from haptorb.cli.calibration_measurement import make_driver
+from haptorb.cli.calibration_progress import ProgressFile
+from haptorb.cli.calibration_steps import CalibrationEffort
+from haptorb.cli.heat_measurement import HeatingSchedule
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.estimation.calibration import read_calibration
@@ -318,7 +314,7 @@ def test_the_command_in_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(("factor", "complaint"), [(1.0, ""), (0.1, "shunt is wrong by a factor of ten")])
 def test_the_i2c_driver_is_calibrated_by_the_same_steps(factor: float, complaint: str, tmp_path: Path) -> None:
     """On simulated chips, whose currents follow the duties; `factor` is what a wrong shunt makes of them."""
-    from haptorb.cli.calibration_dialog import Pace
+    from haptorb.cli.calibration_measurement import Pace
     from haptorb.runtime.drivers.i2c import I2cDriver
     from oracles.chips import ChipBus, OpenBus, Thermometers
 

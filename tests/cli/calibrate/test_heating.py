@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.cli.calibration_dialog import DriverSession, HeatingSchedule, identify_heat, make_driver
+from haptorb.cli.calibration_measurement import DriverSession, make_driver
+from haptorb.cli.heat_measurement import HeatingSchedule, identify_heat
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, DriverError, HostSilent
 from haptorb.runtime.drivers.base import Driver

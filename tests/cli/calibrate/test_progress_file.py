@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.cli.calibration_dialog import ProgressFile
+from haptorb.cli.calibration_progress import ProgressFile
 from haptorb.devices.loader import load
 
 OMNI = load("omni")

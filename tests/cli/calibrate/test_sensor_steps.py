@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.cli.calibration_dialog import CalibrationEffort, Dialog, Step, check_steps, guide_calibration, make_driver
+from haptorb.cli.calibration_dialog import Dialog, check_steps, guide_calibration
+from haptorb.cli.calibration_measurement import make_driver
+from haptorb.cli.calibration_steps import CalibrationEffort, Step
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.field_sensors import draw_sensors
 from haptorb.devices.loader import load

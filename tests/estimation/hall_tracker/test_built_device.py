@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptorb.cli.calibration_dialog import Pace, hold_tool
+from haptorb.cli.calibration_measurement import Pace, hold_tool
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.cli.calibration_dialog import calibrate, make_driver
+from haptorb.cli.calibration_measurement import calibrate, make_driver
 from haptorb.control.protection import Protection
 from haptorb.control.registry import make_allocator
 from haptorb.control.trips import GuardState, Trip

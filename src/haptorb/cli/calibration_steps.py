@@ -1,0 +1,514 @@
+"""Steps of a guided calibration: what each asks of the person, measures and stores."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+
+from haptorb.arrays import Array
+from haptorb.cli.calibration_measurement import DriverSession, Hand, compose_calibration, mean_field
+from haptorb.cli.heat_measurement import HEATING, HeatingSchedule, identify_heat
+from haptorb.devices.base import HeatCoupling, rotation_to_axis
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.field_sensors import SensorErrors
+from haptorb.errors import CalibrationError
+from haptorb.estimation.calibration import Calibration, MeasuredHeat
+from haptorb.estimation.coil_calibration import (
+    MagneticCalibration,
+    NetworkIdentification,
+    check_conduction,
+    check_switching,
+    excitation,
+    find_silent,
+)
+from haptorb.estimation.hall_fit import ToolModel, tool_field
+from haptorb.estimation.hall_tracker import HallTracker
+from haptorb.estimation.sensor_calibration import CoilReadings, SensorCalibration, ToolTour, calibrate_sensors
+from haptorb.estimation.types import Sample
+from haptorb.thermal import TwoNode
+
+__all__ = [
+    "EFFORT",
+    "STEPS",
+    "CalibrationEffort",
+    "FieldsStep",
+    "Results",
+    "SensorsStep",
+    "Step",
+    "StepContext",
+    "calibration_of",
+    "schedule_of",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# A step of a guided calibration, as the dialog takes it: what it asks of the person, measures, and leaves.
+
+
+Results = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class CalibrationEffort:
+    """How much is measured: what a test does in seconds takes a real device minutes.
+
+    levels, repeats  of the currents in the magnetic step
+    drives           of every coil in the step `fields`
+    course           of the heat step
+    led              for so long the tool is led over the dome [s]
+    """
+
+    levels: int = 5
+    repeats: int = 4
+    drives: int = 10
+    course: HeatingSchedule = HEATING
+    led: float = 45.0
+
+
+EFFORT = CalibrationEffort()
+
+
+@dataclass(frozen=True)
+class StepContext:
+    """One device with its driver open: what a step may use.
+
+    axes      (k, 3) directions of one-axis field sensors; None: three axes each
+    schedule  (n, m) [A] of the magnetic step
+    effort    of the other steps
+    """
+
+    device: SphericalElectromagnet
+    session: DriverSession
+    axes: Array | None
+    schedule: Array
+    effort: CalibrationEffort = EFFORT
+
+
+class Step(ABC):
+    """One measurement; `needs` are the steps before it."""
+
+    name: str
+    title: str
+    asks: str  #: of the person, before it begins
+    needs: tuple[str, ...] = ()
+    hand: Hand = "away"  #: where the tool is: away, at the summit, or led over the dome
+
+    @abstractmethod
+    def seconds(self, bench: StepContext) -> float:
+        """How long it takes, for a bar."""
+
+    @abstractmethod
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """Do it; CalibrationError names what is not as it must be."""
+
+    @abstractmethod
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """The result in one line."""
+
+
+# --------------------------------------------------------------------------------------------------
+# The two steps of a calibration that find offset, gain and place of every field sensor: coils in turn, a tool led.
+
+
+_CURRENT_SHARE = 0.75  #: of each coil's limit
+_SETTLE_S, _HOLD_S = (
+    0.035,
+    0.085,
+)  #: of each current: not looked at, six times the core's lag; and in all [s]
+_PAUSE_S = 0.05  #: without current between two of them
+_AVERAGED_SAMPLES = 10  #: samples that are averaged: 20 ms, in which a led tool moves by a millimetre
+
+
+@final
+class FieldsStep(Step):
+    """What every sensor reads per ampere in each coil, and at rest."""
+
+    name, title, needs = "fields", "the coils' field at every sensor", ("rest", "currents", "magnetic")
+    asks = "Each coil in turn carries up to 15 amperes in both directions, for a tenth of a second. Keep the tool away."
+
+    def seconds(self, bench: StepContext) -> float:
+        """Both directions and a pause, for each coil."""
+        return bench.effort.drives * bench.device.channels * (2 * _HOLD_S + _PAUSE_S) + 0.4
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """A regression for each reading by itself: no model of the field is needed."""
+        if bench.axes is not None:
+            raise CalibrationError(
+                "the sensors measure one axis each; offset, gain and position can be determined for three-axis "
+                "sensors only: leave out the steps 'fields' and 'sensors' (--steps)"
+            )
+        device = bench.device
+        resistance = np.array(before["currents"]["resistance_ohm"])
+        wanted, currents, fields, counts = _drive_in_turn(device, bench.session, resistance, bench.effort.drives)
+        check_conduction(device, wanted, currents)
+        failed = find_silent(device, currents, fields)
+        design = np.column_stack([currents, np.ones(len(currents))])
+        spread = np.linalg.inv(design.T @ design)
+        found = np.einsum("ab,nb,nki->kia", spread, design, fields)
+        left = fields - np.einsum("na,kia->nki", design, found)
+        used = ~np.isin(np.arange(device.sensors), failed)
+        freedom = 3 * int(used.sum()) * (len(currents) - design.shape[1])
+        least = np.hypot(device.hall.noise, device.hall.step / np.sqrt(12)) / np.sqrt(max(counts, 1))
+        sigma = max(float(np.sqrt((left[:, used] ** 2).sum() / freedom)), float(least))
+        deviation = sigma * np.sqrt(np.diag(spread))
+        return {
+            "per_ampere_t": found[:, :, :-1].tolist(),
+            "deviation_t": deviation[:-1].tolist(),
+            "at_rest_t": found[:, :, -1].tolist(),
+            "deviation_at_rest_t": float(deviation[-1]),
+            "failed": list(failed),
+        }
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """How sure the readings per ampere are, and who does not answer."""
+        full = float(np.array(result["deviation_t"]) @ device.coils.current_limit)
+        failed = "".join(f"; field sensor {n + 1} does not respond: left out" for n in result["failed"])
+        return f"known to {1e6 * full:.1f} µT at full current in all coils{failed}"
+
+
+@final
+class SensorsStep(Step):
+    """Offset, gain and place of every sensor, by a tool that a person leads over the dome."""
+
+    name, title, hand = "sensors", "offset, gain and place of the field sensors", "led"
+    needs = ("rest", "magnetic", "fields")
+    asks = (
+        "Coils stay off. For 45 seconds move the tool slowly over the whole dome: round it several times, from the "
+        "summit down to the edge, on the dome and up to 20 mm above it, tilted to all sides."
+    )
+
+    def seconds(self, bench: StepContext) -> float:
+        """As long as the tool is led."""
+        return bench.effort.led
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """The bundle adjustment."""
+        device, known = bench.device, before["fields"]
+        if "centres_m" in before["magnetic"]:  # or sensors would be looked for where a coil seems to be
+            device = replace(device, coil_centres=np.array(before["magnetic"]["centres_m"]))
+        used = ~np.isin(np.arange(device.sensors), known["failed"])
+        coils = CoilReadings(
+            np.array(known["per_ampere_t"]), np.array(known["deviation_t"]), np.array(known["at_rest_t"]),
+            float(known["deviation_at_rest_t"]), used,
+        )  # fmt: skip
+        samples, _ = bench.session.hold(np.zeros(device.channels), bench.effort.led)
+        return calibrate_sensors(device, coils, follow_led_tool(device, samples, coils)).numbers()
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """What is left, who has failed, and what could not be observed."""
+        failed = "".join(f"; field sensor {n + 1} has failed and is left out" for n, used in enumerate(result["used"])
+                         if not used)  # fmt: skip
+        unobserved = "".join(f"; not observed: {line}" for line in result["unobserved"])
+        return (
+            f"lasting errors of the tool's position {1e3 * result['place_m']:.2f} mm, of its axis "
+            f"{np.degrees(result['axis_rad']):.2f}° rms over the shell; magnet {100 * result['strength']:.1f} % of the "
+            f"device file's{failed}{unobserved}"
+        )
+
+
+def _drive_in_turn(
+    device: SphericalElectromagnet, session: DriverSession, resistance: Array, drives: int
+) -> tuple[Array, Array, Array, float]:
+    """(n, m) wanted and measured currents [A], (n, k, 3) fields [T], and how many readings are in each.
+
+    Ends at the first reading in which a coil does not switch: 15 A are not for many seconds.
+    """
+    wanted, currents, fields, count = [], [], [], 0.0
+    off = np.zeros(device.channels)
+    for number in range(drives):
+        way = (
+            -_CURRENT_SHARE if number % 2 else _CURRENT_SHARE
+        )  # so that what stays in the core changes its sign, and cancels
+        for coil, limit in enumerate(device.driven_current):
+            for share in (way, -way, 0.0):
+                want = off.copy()
+                want[coil] = share * limit
+                duties = np.clip(want * resistance / device.supply.voltage, -1, 1)
+                samples, _ = session.hold(duties, _HOLD_S if share else _PAUSE_S + _SETTLE_S, _SETTLE_S)
+                wanted.append(want)
+                currents.append(np.mean([sample.currents for sample in samples], axis=0))
+                check_switching(device, want, currents[-1], _CURRENT_SHARE * device.driven_current)
+                fields.append(mean_field(samples))
+                count = float(np.isfinite([sample.field for sample in samples]).sum(axis=0).mean())
+    session.hold(off, 0.01)
+    return np.array(wanted), np.array(currents), np.array(fields), count
+
+
+def follow_led_tool(device: SphericalElectromagnet, samples: Sequence[Sample], coils: CoilReadings) -> ToolTour:
+    """Readings along the way, averaged over 20 ms, where a tracker that knows offsets only finds the tool."""
+    fields, times, counts = [], [], []
+    for first in range(0, len(samples) - _AVERAGED_SAMPLES + 1, _AVERAGED_SAMPLES):
+        part = samples[first : first + _AVERAGED_SAMPLES]
+        read = np.array([sample.field for sample in part])
+        finite = np.isfinite(read)
+        if finite.any(axis=0)[coils.used].all():
+            sums = np.where(finite, read, 0.0).sum(axis=0)
+            fields.append(sums / np.maximum(finite.sum(axis=0), 1))
+            counts.append(finite.sum(axis=0)[coils.used].mean())
+            times.append(part[len(part) // 2].t)
+    good_fields, places, axes = [], [], []
+    working = device.hall.positions[coils.used]
+    rough = replace(device, hall=replace(device.hall, positions=working, errors=SensorErrors(), correction=None))
+    tracker = HallTracker(rough, offsets=coils.at_rest[coils.used])
+    for t, field in zip(times, fields, strict=True):
+        off = np.zeros(device.channels)
+        sample = Sample(t, off, off, field[coils.used], samples[0].pose)
+        found = tracker.update(sample)
+        if found.valid:
+            good_fields.append(field)
+            places.append(found.state.p)
+            axes.append(found.state.axis)
+    noise = np.hypot(device.hall.noise, device.hall.step / np.sqrt(12)) / np.sqrt(max(np.mean(counts or [1]), 1))
+    shape = (-1, device.sensors, 3)
+    return ToolTour(
+        np.array(good_fields).reshape(shape),
+        np.array(places).reshape(-1, 3),
+        np.array(axes).reshape(-1, 3),
+        float(noise),
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# The steps of a guided calibration: what each asks of the person, measures, and leaves for those after it.
+#
+# A result is plain JSON, so that it can be kept between two sittings. A step that fails raises CalibrationError naming
+# the part, and leaves nothing.
+
+
+@final
+class RestStep(Step):
+    """Nothing flows, nothing is near."""
+
+    name, title = "rest", "at rest"
+    asks = "Move the tool and other magnets at least 30 cm away, and switch on the coils' supply."
+
+    def seconds(self, bench: StepContext) -> float:
+        """As long as readings are averaged."""
+        return 0.4
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """Temperatures of the cold device."""
+        return {"temperatures_k": bench.session.measure_at_rest().tolist()}
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """In degrees."""
+        return "no current, no magnet; coils at " + ", ".join(f"{t - 273.15:.1f} °C" for t in result["temperatures_k"])
+
+
+@final
+class CurrentsStep(Step):
+    """Every coil by itself, gently: polarity, current sensing, resistance."""
+
+    name, title, needs = "currents", "polarity and current sensing", ("rest",)
+    asks = "Each coil carries one ampere in both directions."
+
+    def seconds(self, bench: StepContext) -> float:
+        """Two signs a coil."""
+        return 0.24 * bench.device.channels
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """Resistances."""
+        return {"resistance_ohm": bench.session.coils_conduct().tolist()}
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """In ohms."""
+        pairs = zip(device.coils.names, result["resistance_ohm"], strict=True)
+        return ", ".join(f"{name} {r:.4f} Ω" for name, r in pairs)
+
+
+@final
+class MagneticStep(Step):
+    """Moment per ampere, and the sensors' offsets: Zárate 2020 eq. (5)."""
+
+    name, title, needs = "magnetic", "field per ampere", ("rest", "currents")
+    asks = "Each coil carries up to five amperes in both directions, in steps. Keep the tool away."
+
+    def seconds(self, bench: StepContext) -> float:
+        """30 ms a row."""
+        return 0.03 * len(bench.schedule) + 0.01
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """The regression, every number of it."""
+        found = bench.session.magnetic(np.array(before["currents"]["resistance_ohm"]), bench.schedule)
+        where: dict[str, Any] = {}
+        if found.centres is not None and found.centre_uncertainty is not None:
+            where = {"centres_m": found.centres.tolist(), "centre_uncertainty_m": found.centre_uncertainty.tolist()}
+        return {
+            "moment_per_current_m2": found.moment_per_current.tolist(),
+            "uncertainty_m2": found.uncertainty.tolist(),
+            "offsets_t": found.offsets.tolist(),
+            "residual_t": found.residual,
+            "condition": found.condition,
+            "repeatability": found.repeatability,
+            "failed": list(found.failed),
+            **where,
+        }
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """How well it fits, and the coils' skew."""
+        skew = _magnetic(result).skew(device.coils.names)
+        angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
+        failed = "".join(f"; field sensor {n + 1} does not follow the coils: left out" for n in result["failed"])
+        where = ""
+        if "centres_m" in result:
+            away = np.linalg.norm(result["centres_m"], axis=1)
+            where = (
+                "; centres "
+                + ", ".join(f"{name} {1e3 * one:.2f}" for name, one in zip(device.coils.names, away, strict=True))
+                + " mm off"
+            )
+        return f"residual {1e6 * result['residual_t']:.1f} µT rms; coils {angles}{where}{failed}"
+
+
+@final
+class HeatStep(Step):
+    """Windings, bodies and what couples them, from coils warmed one after the other and cooled."""
+
+    name, title, needs = "heat", "heat", ("rest", "currents")
+    asks = (
+        "Each coil is heated by about 25 K in three minutes, one after the other (only the first if the device file "
+        "couples none), while all are measured; then all cool for three. Start cold; do not touch them."
+    )
+
+    def seconds(self, bench: StepContext) -> float:
+        """Both halves."""
+        return bench.effort.course.seconds(bench.device) + 0.22
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """Capacities and conductances, and how sure they are."""
+        resistance = np.array(before["currents"]["resistance_ohm"])
+        did = identify_heat(bench.session, bench.device, resistance, bench.effort.course)
+        found, model = did.found, did.found.model
+        coupled = {}
+        if isinstance(found, NetworkIdentification):
+            coupled = {
+                "core_capacity": found.coupling.core_capacity,
+                "winding_to_core": list(found.coupling.winding_to_core),
+            }
+        return {
+            **coupled,
+            "winding_capacity": model.winding_capacity,
+            "body_capacity": model.body_capacity,
+            "winding_to_body": model.winding_to_body,
+            "body_to_air": model.body_to_air,
+            "uncertainty": found.uncertainty.tolist(),
+            "residual_k": found.residual,
+            "lost_s": did.lost,
+        }
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """The continuous power, in one coil and in all coils together."""
+        heat = _read_heat(result).apply(device)
+        rise_per_watt = heat.network(device.channels).rise_per_watt
+        rise = heat.derate - heat.ambient
+        watts = f"{rise / rise_per_watt.diagonal().max():.1f} W continuous"
+        if heat.coupling is not None:
+            watts += f" in one coil, {rise / rise_per_watt.sum(axis=1).max():.1f} W in each of all"
+        lost = f"; {n} s lost because this computer was busy" if (n := result.get("lost_s", 0)) else ""
+        return f"{watts}; residual {result['residual_k']:.2f} K rms{lost}"
+
+
+@final
+class ToolStep(Step):
+    """The tool's magnet at the summit: which way round it is. Coils stay off."""
+
+    name, title, needs, hand = "tool", "the tool's magnet", ("rest", "magnetic"), "summit"
+    asks = "Hold the tool upright on the summit of the dome. The coils stay off."
+
+    def seconds(self, bench: StepContext) -> float:
+        """As long as readings are averaged."""
+        return 0.6
+
+    def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
+        """The field's likeness to that of the device file's tool (1: the same, −1: the other way round), and size."""
+        samples, _ = bench.session.hold(np.zeros(bench.device.channels), 0.6, 0.2)
+        field = mean_field(samples) - np.array(before["magnetic"]["offsets_t"])
+        likeness, strength = _likeness(bench.device, field, bench.axes)
+        size = float(np.sqrt((field**2).mean()))
+        if size < 2 * max(bench.device.hall.noise, bench.device.hall.step) or abs(likeness) < 0.7:
+            raise CalibrationError(
+                f"no tool found at the summit (match {likeness:+.2f}, {1e3 * size:.2f} mT): hold it upright on "
+                "the dome's summit, with nothing else magnetic near"
+            )
+        if likeness < 0.0:  # safety: tool-reversed
+            raise CalibrationError(
+                "the tool's magnet is reversed: the dome would pull instead of push; turn the magnet over"
+            )
+        return {"likeness": likeness, "strength": strength}
+
+    def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
+        """The magnet as seen."""
+        return f"polarity correct, {100 * result['strength']:.0f} % of the device file's strength"
+
+
+#: in the order in which they are taken
+STEPS: tuple[Step, ...] = (
+    RestStep(),
+    CurrentsStep(),
+    MagneticStep(),
+    FieldsStep(),
+    HeatStep(),
+    ToolStep(),
+    SensorsStep(),
+)
+
+
+def calibration_of(
+    device: SphericalElectromagnet, results: Results, simulated: bool, heat: MeasuredHeat | None = None
+) -> Calibration:
+    """The file's content; `heat` from elsewhere stands where the step was not taken."""
+    if "heat" in results:
+        heat = _read_heat(results["heat"])
+    ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
+    sensors = None
+    if "sensors" in results:
+        sensors = SensorCalibration.parse(results["sensors"], "step 'sensors'", device.sensors, device.channels)
+    found = compose_calibration(
+        device, np.array(ambient), np.array(resistance), _magnetic(results["magnetic"]), heat, simulated
+    )
+    return replace(found, sensors=sensors)
+
+
+def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Array:
+    """(n, m) [A] the magnetic step's currents."""
+    return excitation(device, levels=levels, repeats=repeats)
+
+
+def _read_heat(result: Mapping[str, Any]) -> MeasuredHeat:
+    names = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
+    coupling = None
+    if "core_capacity" in result:
+        to_core = tuple(float(value) for value in result["winding_to_core"])
+        coupling = HeatCoupling(float(result["core_capacity"]), to_core)
+    return MeasuredHeat(TwoNode(*(float(result[name]) for name in names)), coupling)
+
+
+def _magnetic(result: Mapping[str, Any]) -> MagneticCalibration:
+    return MagneticCalibration(
+        np.array(result["moment_per_current_m2"]), np.array(result["uncertainty_m2"]), np.array(result["offsets_t"]),
+        float(result["residual_t"]), float(result["condition"]), float(result["repeatability"]),
+        tuple(result["failed"]),
+        *(np.array(result[key]) if key in result else None for key in ("centres_m", "centre_uncertainty_m")),
+    )  # fmt: skip
+
+
+def _likeness(device: SphericalElectromagnet, field: Array, axes: Array | None) -> tuple[float, float]:
+    """Cosine between `field` (k, 3) [T] and that of the tool near the summit, where it fits best; ratio of sizes."""
+    model = ToolModel.of(device)
+    B, J = np.empty((device.sensors, 3)), np.empty((device.sensors, 3, 5))
+    best, strength = 0.0, 0.0
+    for height in (0.0, 0.003, 0.006, 0.010):
+        for tilt in np.radians((0.0, 10.0, 20.0)):
+            for turn in np.radians((0.0, 60.0, 120.0, 180.0, 240.0, 300.0)):
+                up = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+                tool_field(model, (device.contact_distance + height) * up, rotation_to_axis(up), B, J)
+                visible = B if axes is None else np.einsum("ki,ki->k", B, axes)[:, None] * axes
+                size = float(np.linalg.norm(visible) * np.linalg.norm(field))
+                cosine = float((visible * field).sum()) / size if size > 0 else 0.0
+                if abs(cosine) > abs(best):
+                    best, strength = cosine, float(np.linalg.norm(field) / np.linalg.norm(visible))
+    return best, strength
