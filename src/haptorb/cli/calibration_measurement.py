@@ -215,8 +215,8 @@ class DriverSession:
                         f"driving coil '{name}' changes the current sensor of coil '{other}': swap their wires"
                     )
                 raise CalibrationError(
-                    f"coil '{name}' carries {abs(own) / 2:.2g} A instead of {_FIRST_CURRENT_A:g} A: the coil is unplugged, "
-                    "or its current sensor is; check the connector and the fuse"
+                    f"coil '{name}' carries {abs(own) / 2:.2g} A instead of {_FIRST_CURRENT_A:g} A: the coil is "
+                    "unplugged, or its current sensor is; check the connector and the fuse"
                 )
             if own * duty < 0:
                 raise CalibrationError(

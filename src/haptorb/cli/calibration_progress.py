@@ -23,7 +23,7 @@ __all__ = ["ProgressFile"]
 
 
 FORMAT = "haptorb-calibration-steps-1"
-_MAX_FILE_BYTES = 4 * 1024 * 1024  #:
+_MAX_FILE_BYTES = 4 * 1024 * 1024
 _STALE_AFTER_S = 24 * 3600.0  #: a device may have been rewired since
 _COILS, _SENSORS = -1, -2  #: lengths that the device has
 #: step → what its result must have, and of which shape (None: any length)
