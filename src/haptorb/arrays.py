@@ -148,7 +148,7 @@ def cap_directions(half_angle: float, points: int) -> Array:
 # A cubic spline through evenly spaced values, where loading scipy for one would be most of a program's start.
 
 
-_FEWEST = 4  #: with fewer places there is no cubic of the first three intervals
+_MIN_SPLINE_PLACES = 4  #: with fewer places there is no cubic of the first three intervals
 
 
 def cubic_spline(values: Array, step: float) -> Array:
@@ -162,8 +162,8 @@ def cubic_spline(values: Array, step: float) -> Array:
     [1.0, 6.0, 12.0, 8.0]
     """
     y = np.asarray(values, dtype=float)
-    if y.ndim != 1 or len(y) < _FEWEST:
-        raise InputError(f"a cubic spline needs a list of at least {_FEWEST} values; got shape {y.shape}")
+    if y.ndim != 1 or len(y) < _MIN_SPLINE_PLACES:
+        raise InputError(f"a cubic spline needs a list of at least {_MIN_SPLINE_PLACES} values; got shape {y.shape}")
     m = np.diff(y) / step
     right = np.concatenate(([(5 * m[0] + m[1]) / 2], 3 * (m[:-1] + m[1:]), [(5 * m[-1] + m[-2]) / 2]))
     slopes = _solve(right.tolist())

@@ -62,7 +62,7 @@ __all__ = [
 # hook's length. Bai 2012, Fig. 6 and Table 3.
 
 
-_LARGEST = 1e15  #: in SI units
+_MAX_NUMBER = 1e15  #: in SI units
 _THINNEST = 1e-3  #: of the base length: a thinner hook is a foil and no beam
 METALS_FROM = 10e9  #: [Pa] no engineering metal is softer (lead: 16 GPa); what is, was probably misprinted
 
@@ -94,7 +94,7 @@ class Hook:
             value = getattr(self, item.name)
             if item.name == "flat_top":
                 continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _MAX_NUMBER:
                 raise InputError(f"hook.{item.name} must be a finite number; got {quote(value)}")
             if item.name != "poisson_ratio" and value <= 0.0:
                 raise InputError(f"hook.{item.name} must be greater than zero; got {value:g}")

@@ -105,9 +105,9 @@ def _make_look() -> Any:
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_PATIENCE = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
+_CONNECT_TIMEOUT_S = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
 _DESERTED = 60.0  #: for which a cluster may be without any worker [s]
-_LOOK = 1.0  #: between two looks at whether there still are workers, while no result comes [s]
+_WORKER_CHECK_INTERVAL_S = 1.0  #: between two looks at whether there still are workers, while no result comes [s]
 _AHEAD = 3  #: jobs that are given out for each thread of the cluster
 _ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")  #: of a scheduler: host and port
 
@@ -130,7 +130,7 @@ def open_cluster(address: str) -> Iterator[Any]:
     try:
         with warnings.catch_warnings():  # `check_versions` rejects the versions that matter
             warnings.simplefilter("ignore")
-            client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+            client = distributed.Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, KeyError) as cause:
         raise InputError(
             f"no Dask scheduler responds at '{address}'; start one with `dask scheduler`, and give the address that it "
@@ -197,7 +197,7 @@ def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
     deserted = None
     while True:
         try:
-            return done.get(timeout=_LOOK)
+            return done.get(timeout=_WORKER_CHECK_INTERVAL_S)
         except Empty:
             now = time.monotonic()
             deserted = None if client.nthreads() else (deserted or now)

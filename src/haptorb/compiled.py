@@ -102,7 +102,7 @@ def _watch_compiling() -> None:
 
 
 _PACKAGE = Path(__file__).resolve().parent
-_MOST = 4  #: compiled versions of a file kept beside each other, for people who switch branches
+_MAX_KEPT_VERSIONS = 4  #: compiled versions of a file kept beside each other, for people who switch branches
 _IMPORT = re.compile(r"^\s*from haptorb((?:\.\w+)*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -164,7 +164,7 @@ def _folder(path: Path) -> str:
             parts = ("other", hashlib.sha256(str(path).encode()).hexdigest()[:16])
         folder = private_folder("kernels", *parts)
         folder.touch()
-        old = sorted(folder.parent.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_MOST]
+        old = sorted(folder.parent.iterdir(), key=lambda entry: entry.stat().st_mtime)[:-_MAX_KEPT_VERSIONS]
     except OSError:
         return ""
     if path.is_relative_to(_PACKAGE):

@@ -18,7 +18,7 @@ __all__ = ["FileKind", "find_kind"]
 
 _HEAD = 256 * 1024  #: bytes that are looked at; the longest file of text that people write
 _SQLITE = b"SQLite format 3\0"
-_PATIENCE = 0.5  #: for a database's list of tables [s]
+_DATABASE_TIMEOUT_S = 0.5  #: for a database's list of tables [s]
 
 
 class FileKind(Enum):
@@ -175,7 +175,7 @@ def _find_database(path: Path) -> FileKind:
     with suppress(sqlite3.Error, ValueError, MemoryError):  # the last one is what SQLite says of some damaged files
         place = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         with closing(sqlite3.connect(place, uri=True)) as connection:
-            end = monotonic() + _PATIENCE
+            end = monotonic() + _DATABASE_TIMEOUT_S
             connection.set_progress_handler(lambda: monotonic() > end, 10_000)
             connection.execute("PRAGMA trusted_schema = OFF")
             names = {row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}

@@ -13,7 +13,7 @@ from haptorb.files import parse_json
 
 __all__ = ["numbers", "parse_document"]
 
-_LARGEST = 1e15  #: in SI units; what is measured is smaller, and products of it must not overflow
+_MAX_NUMBER = 1e15  #: in SI units; what is measured is smaller, and products of it must not overflow
 
 
 def parse_document(
@@ -58,7 +58,7 @@ def numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int | None
     except (TypeError, ValueError, OverflowError) as cause:
         raise CalibrationError(f"{name}: {key} must be numbers; got {quote(raw[key])}") from cause
     fits = values.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, values.shape, strict=True))
-    if not fits or not (np.abs(values) <= _LARGEST).all():
+    if not fits or not (np.abs(values) <= _MAX_NUMBER).all():
         raise CalibrationError(f"{name}: {key} must be finite numbers of shape {shape}; got shape {values.shape}")
     return values
 

@@ -40,8 +40,8 @@ __all__ = [
 
 
 BUSY = 10_000  #: milliseconds for which a writer waits while another program holds the database
-_LONGEST = 64 * 1024 * 1024  #: bytes of a value
-_PATIENCE = 5  #: seconds until a server that does not answer counts as unreachable
+_MAX_VALUE_BYTES = 64 * 1024 * 1024  #: bytes of a value
+_CONNECT_TIMEOUT_S = 5  #: seconds until a server that does not answer counts as unreachable
 
 
 def url_of(place: str | Path) -> str:
@@ -120,14 +120,14 @@ def mask_password(place: str | Path) -> str:
 
 #: a station that loses its power must not hold its session, nor one that loses its server wait, for hours
 _watched = {
-    "connect_timeout": _PATIENCE, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3,
+    "connect_timeout": _CONNECT_TIMEOUT_S, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3,
     "tcp_user_timeout": 30_000,
 }  # fmt: skip
 
 
 def _set_pragmas(connection: Any, record: Any) -> None:
     """Durable, and careful: what a database from somebody else computes by its own schema is nothing of ours."""
-    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
     cursor = connection.cursor()
     for pragma in (
         "trusted_schema = OFF",

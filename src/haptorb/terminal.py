@@ -448,7 +448,7 @@ def _print_stack(console: Console, table: TextTable) -> None:
 
 
 _FACTS_NARROW = 24  #: least width of what is said; below it, it goes under the name
-_LONGEST = 26  #: of the names beside which something is said
+_MAX_NAME_WIDTH = 26  #: of the names beside which something is said
 _ENDLESS = 100_000  #: lines in a pipe or a file are not wrapped
 
 
@@ -459,7 +459,7 @@ def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "")
     ['coils  0.6 Ω at 20 °C']
     """
     pairs = list(facts)
-    names = [cell_len(name) for name, _ in pairs if cell_len(name) <= _LONGEST]
+    names = [cell_len(name) for name, _ in pairs if cell_len(name) <= _MAX_NAME_WIDTH]
     column = len(margin) + max(names, default=0) + 2
     if width - column < _FACTS_NARROW:
         column = len(margin) + 2

@@ -231,7 +231,7 @@ def single_time_constant(power: float, time: float, sustained: float) -> float:
 _THERMAL_NETWORK_DRIVES = ("power", "current")
 _MOMENTS = 400  #: at which a course is looked at before a crossing is found exactly
 _RUNAWAY = 500.0  #: exponent of a course beyond every temperature, whose square is still a number
-_LONGEST = 40.0  #: after so many of the slowest time constants everything has settled
+_SETTLED_TIME_CONSTANTS = 40.0  #: after so many of the slowest time constants everything has settled
 
 
 @kernel
@@ -381,7 +381,7 @@ class ThermalNetwork:
             return float(self._course(np.array(t), source, begin, heating)[:m].max() - rise)
 
         slowest = np.abs(rates)[np.abs(rates) > 1e-12].min(initial=np.inf)
-        end = _LONGEST / min(slowest, float(np.abs(rates).max()))
+        end = _SETTLED_TIME_CONSTANTS / min(slowest, float(np.abs(rates).max()))
         moments = np.geomspace(1e-4 / float(np.abs(rates).max()), end, _MOMENTS)
         course = self._course(moments, source, begin, heating)[:, :m].max(axis=1)
         beyond = np.flatnonzero(course >= rise)

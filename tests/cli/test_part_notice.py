@@ -20,7 +20,7 @@ class Turning:
 
 
 def test_each_part_is_told_once(capsys, monkeypatch):
-    monkeypatch.setattr("haptorb.cli.run._LOOK", 1e-3)
+    monkeypatch.setattr("haptorb.cli.run._CHECK_INTERVAL_S", 1e-3)
     servo = Turning(None, "force", "torque", "torque", "both", "torque", "both")
     with tell_part(servo):
         while len(servo.parts) > 1:

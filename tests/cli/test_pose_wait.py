@@ -25,8 +25,8 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
 def test_it_says_once_what_is_waited_for_and_again_when_counts_change(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(run, "_FIRST", 0.005)
-    monkeypatch.setattr(run, "_AGAIN", 0.005)
+    monkeypatch.setattr(run, "_FIRST_CHECK_S", 0.005)
+    monkeypatch.setattr(run, "_REPEAT_INTERVAL_S", 0.005)
     servo = WaitingServo()
     with run.tell_missing_pose(cast("Servo", servo)):
         time.sleep(0.2)

@@ -15,7 +15,7 @@ distributed = pytest.importorskip("distributed")
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere at all", "nowhere", "ftp://127.0.0.1:9"])
 def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.3)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 0.3)
     with pytest.raises(InputError, match="Dask scheduler") as told, open_cluster(address):
         pass
     assert f"'{address}'" in str(told.value)

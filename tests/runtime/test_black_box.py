@@ -57,7 +57,7 @@ def test_a_trip_right_after_the_start_has_fewer(shared: SharedMemory) -> None:
 def test_files_are_recordings_and_the_oldest_go(
     shared: SharedMemory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("haptorb.runtime.black_box._MOST", 2)
+    monkeypatch.setattr("haptorb.runtime.black_box._MAX_FILES", 2)
     box = BlackBox(shared, "omni", 1000.0, tmp_path / "trips")
     for n in range(4):
         ticks(shared, 200 * n, 200)

@@ -117,7 +117,7 @@ def check_grip(text: str) -> HandGrip:
 
 
 _SOFT, _HARD = 1e-2, 1e7  #: between these a largest stiffness is sought [N/m]
-_LONGEST = 64  #: a delay of more periods is refused
+_MAX_DELAY_PERIODS = 64  #: a delay of more periods is refused
 
 
 @dataclass(frozen=True)
@@ -169,9 +169,10 @@ class SampledLoop:
             raise InputError(f"a filter's memory is at least 0 and below 1; got {self.memory:g}")
         if self.ramp > self.period * (1 + 1e-9):
             raise InputError(f"ramp {self.ramp:g} s must not be longer than the period {self.period:g} s")
-        if self.delay > _LONGEST * self.period:
+        if self.delay > _MAX_DELAY_PERIODS * self.period:
             raise InputError(
-                f"a delay of {1e3 * self.delay:g} ms is more than {_LONGEST} periods of {1e3 * self.period:g} ms: "
+                f"a delay of {1e3 * self.delay:g} ms is more than {_MAX_DELAY_PERIODS} periods "
+                f"of {1e3 * self.period:g} ms: "
                 "with this delay no world can be rendered"
             )
 

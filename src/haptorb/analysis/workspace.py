@@ -291,7 +291,7 @@ UNJUDGED = (
     "a torque that changes with position, and a force that changes with orientation",
 )
 
-_CLIMBS, _MOST = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
+_CLIMBS, _MAX_CANDIDATES = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
 _TURNING_STEP = 2e-4  #: of the differences [rad]
 _RATE = 1e-2  #: of the differences by angular velocity [rad/s]
 _NOTHING = 1e-5  #: a smaller jump is nothing to be felt [N·m]
@@ -370,7 +370,9 @@ def steepest_turn(device: Device, world: World) -> Steepest:
         lambda one: one.damping,
         lambda one: -one.damping,
     )
-    chosen = {one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_MOST] if key(one) > 1e-9}
+    chosen = {
+        one: None for key in keys for one in sorted(found, key=key, reverse=True)[:_MAX_CANDIDATES] if key(one) > 1e-9
+    }
     return Steepest(tuple(chosen), away, jump)
 
 

@@ -327,7 +327,7 @@ _STATES = {
     CoilState.UNKNOWN: "COIL STATE UNKNOWN: switch the supply off",
 }
 
-_TURNS = 24  #: readings at most for all field sensors; three axes in two blocks need six of them, with luck
+_MAX_READINGS = 24  #: readings at most for all field sensors; three axes in two blocks need six of them, with luck
 
 
 def monitor(
@@ -355,7 +355,7 @@ def monitor(
 def _read_whole(driver: Driver, now: float) -> Sample:
     sample = driver.read(now)
     field = sample.field.copy()
-    for _ in range(_TURNS):
+    for _ in range(_MAX_READINGS):
         if np.isfinite(field).all():
             break
         part = driver.read(now).field

@@ -30,8 +30,8 @@ __all__ = ["PACE", "Rehearsal", "Stroke", "check_device", "measure_miss", "regis
 Bar = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
 
 _MOVED, _TURNED = 1e-3, np.deg2rad(1.5)  #: since the last pose that was kept, for the next one [m], [rad]
-_MOST = 4000  #: poses of a step
-_PATIENCE = 0.05  #: [s]
+_MAX_POSES = 4000  #: poses of a step
+_POLL_TIMEOUT_S = 0.05  #: [s]
 _SILENT = 3.0  #: without any pose for so long, there is no tracker [s]
 _DRAINED = 200  #: reads after which what waits is left waiting: a flood
 
@@ -113,7 +113,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
     began = last = last_message = monotonic()
     valid = 0
     while (now := monotonic()) < began + stroke.seconds:
-        for one in feed.receive(_PATIENCE):
+        for one in feed.receive(_POLL_TIMEOUT_S):
             why = one.why if isinstance(one, RejectedPose) else _describe_error(one)
             if why:
                 refused[why] = refused.get(why, 0) + 1
@@ -121,7 +121,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
             assert isinstance(one, RawPose)
             valid, last = valid + 1, monotonic()
             place, turn = np.array(one.p), np.array(one.q)
-            if len(p) < _MOST and (not p or _has_moved(p[-1], q[-1], place, turn)):
+            if len(p) < _MAX_POSES and (not p or _has_moved(p[-1], q[-1], place, turn)):
                 p.append(place)
                 q.append(turn)
         if now - last > _SILENT:

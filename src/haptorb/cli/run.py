@@ -39,7 +39,7 @@ AddressOption = Annotated[
 # Say at the terminal, once, which part of a wrench is rendered and what of it cannot be had.
 
 
-_LOOK = 0.2  #: between two looks [s]: a world that does not say what it asks is found out in its ticks
+_CHECK_INTERVAL_S = 0.2  #: between two looks [s]: a world that does not say what it asks is found out in its ticks
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def tell_part(servo: Servo) -> Iterator[None]:
                 text = servo.part_remarks[PARTS.index(part)] if part != "force" or servo.render else ""
                 if text:
                     say(text)
-            if ended.wait(_LOOK):
+            if ended.wait(_CHECK_INTERVAL_S):
                 return
 
     looking = Thread(target=look, name="rendered part", daemon=True)
@@ -73,8 +73,8 @@ def tell_part(servo: Servo) -> Iterator[None]:
 # Say at the terminal what a running servo waits for while its tracker sends no pose, and at the end how they came.
 
 
-_FIRST = 2.0  #: from the start to the first look [s]
-_AGAIN = 10.0  #: between two lines while counts change [s]
+_FIRST_CHECK_S = 2.0  #: from the start to the first look [s]
+_REPEAT_INTERVAL_S = 10.0  #: between two lines while counts change [s]
 
 
 @contextmanager
@@ -84,13 +84,13 @@ def tell_missing_pose(servo: Servo) -> Iterator[None]:
     ended = Event()
 
     def look() -> None:
-        last_text, patience = "", _FIRST
+        last_text, patience = "", _FIRST_CHECK_S
         while not ended.wait(patience):
-            patience = _FIRST
+            patience = _FIRST_CHECK_S
             text = servo.missing_pose if servo.alive else ""
             if text and text != last_text:
                 say(f"{text[0].upper()}{text[1:]}")
-                patience = _AGAIN
+                patience = _REPEAT_INTERVAL_S
             last_text = text
 
     looking = Thread(target=look, name="missing pose", daemon=True)

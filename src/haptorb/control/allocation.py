@@ -595,7 +595,7 @@ class MinimumPowerAllocator(Allocator):
 
 _WRENCH_LIMITS_POWER, _ALONG = int(Saturation.POWER), int(Saturation.ALONG)
 _MISSING = 0.02  #: share of what was asked that may be missing without a word
-_LEAST = (1e-3, 1e-5)  #: force [N] and torque [N·m] that may
+_MIN_FADED = (1e-3, 1e-5)  #: force [N] and torque [N·m] that may
 
 WRENCH_LIMITS = fields(
     ("power", "f8"),  # of the supply [W]
@@ -675,7 +675,7 @@ def is_missing(residual: Array, wrench: Array, part: int) -> bool:
     for i in range(3 * part, 3 * part + 3):
         missing += residual[i] * residual[i]
         asked += wrench[i] * wrench[i]
-    return bool(np.sqrt(missing) > max(_MISSING * np.sqrt(asked), _LEAST[part]))
+    return bool(np.sqrt(missing) > max(_MISSING * np.sqrt(asked), _MIN_FADED[part]))
 
 
 # --------------------------------------------------------------------------------------------------

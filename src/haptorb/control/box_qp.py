@@ -345,7 +345,7 @@ def find_reach(Q: Array, d: Array, box: Array) -> float:
 # nearest point of a polytope, from the vertices that lie furthest its way.
 
 
-_MANY = 24  #: channels beyond which all pairs take longer than the search
+_MAX_PAIR_CHANNELS = 24  #: channels beyond which all pairs take longer than the search
 
 
 @kernel
@@ -370,7 +370,7 @@ def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
                     total += abs(Q[0, p] * Q[1, j] - Q[1, p] * Q[0, j]) * limit[j]
                 least = min(least, total / against)
         return least
-    if m > _MANY:
+    if m > _MAX_PAIR_CHANNELS:
         found = find_reach(Q, t, limit)
         if np.isfinite(found):
             return found

@@ -162,7 +162,7 @@ def _solve_single(h: Record, coils: Records) -> float:
 _PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
 _LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
 _STEP = 0.02  #: longest step of the integration [s]
-_LONGEST = 60.0  #: time that one tick can make up for [s]; a longer pause leaves the windings as warm as after this
+_MAX_STEP_S = 60.0  #: time that one tick can make up for [s]; a longer pause leaves the windings as warm as after this
 _OFTEN = 0.02  #: between two computations of the time that is left [s]
 _SELDOM = 0.1  #: the same for coupled coils, of which a computation takes as long as a third of a tick's other work [s]
 
@@ -186,7 +186,7 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
 
     h is a HEAT; ticks in which nothing could be read are made up for.
     """
-    elapsed = min(elapsed + h.pending, _LONGEST)
+    elapsed = min(elapsed + h.pending, _MAX_STEP_S)
     h.pending = 0.0
     steps = max(1, int(np.ceil(elapsed / _STEP - 1e-9)))
     dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_WINDOW)

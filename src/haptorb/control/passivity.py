@@ -32,10 +32,10 @@ __all__ = ["OWN_DAMPING", "damp_wrench", "restart_passivity"]
 
 OWN_DAMPING = 1.0  #: that the loosest hand is assumed to have [N·s/m]
 _DEBT = 1e-2  #: more is not remembered [J]
-_MOST = 10.0  #: damping that is ever injected [N·s/m]
+_MAX_DAMPING = 10.0  #: damping that is ever injected [N·s/m]
 _LIGHTEST = 0.1  #: mass of the lightest hand [kg]: late damping beyond a quarter of m/delay would itself oscillate
 _PAUSE = 0.1  #: after a longer pause without a pose the count continues from there [s]
-_SOON = 1e-9  #: poses nearer to each other are one [s]
+_SAME_TIME_S = 1e-9  #: poses nearer to each other are one [s]
 _MOVED = 1e-9  #: [m]; less is no movement
 _STRETCH = 0.25  #: over which motion and energy are summed up: an oscillation or more [s]
 _LASTS = 0.55  #: of the motion of the stretch before: more, twice in a row, does not die
@@ -100,7 +100,7 @@ def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: flo
     q.balance = min(max(balance, -_DEBT), CREDIT)
     q.damping = 0.0
     if q.passive and balance < 0.0 and square > _MOVED * _MOVED:  # safety: active-worlds-are-left-alone
-        most = min(_MOST, 0.25 * _LIGHTEST / (q.dt + passed + late + q.lag))
+        most = min(_MAX_DAMPING, 0.25 * _LIGHTEST / (q.dt + passed + late + q.lag))
         q.damping = min(most, -balance * passed / square)  # safety: damping-is-bounded
 
 
@@ -213,11 +213,11 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
         q.motion[:] = 0.0
         q.damping = 0.0
         _forget_motion(q, stamp)
-    elif passed > _SOON:
+    elif passed > _SAME_TIME_S:
         _count_energy(q, e, wrench, stamp, passed, now - stamp, gain * left)
         needed = now - stamp + 2.0 * passed + q.lag  # until the next pose, back to this one
         q.spacing = needed / (TICKS - 8) if needed > (TICKS - 8) * q.dt else 0.0
-    if passed > _SOON or passed < 0.0:
+    if passed > _SAME_TIME_S or passed < 0.0:
         q.stamp = stamp
         for i in range(3):
             q.position[i] = e.position[i]

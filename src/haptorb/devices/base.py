@@ -59,7 +59,7 @@ __all__ = [
 # The file that a device was built from, with those that it is based on: whatever carries them can build it again.
 
 
-_MOST = 1_000_000  #: letters of the files that a device is based on
+_MAX_BASES_CHARACTERS = 1_000_000  #: letters of the files that a device is based on
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class DeviceText:
             return None
         written = note.get("bases", "")
         try:
-            found = json.loads(written) if len(written) <= _MOST else {}
+            found = json.loads(written) if len(written) <= _MAX_BASES_CHARACTERS else {}
         except (ValueError, RecursionError):
             found = {}
         bases = found.items() if isinstance(found, dict) else ()

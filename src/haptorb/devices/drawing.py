@@ -170,7 +170,7 @@ def choose_bar(size: float) -> float:
 # The section: what the plane cuts, in millimetres, and what lies before or behind it in outline.
 
 
-_NEAR = 1.5e-3  #: a sensor or mark whose place is this near to the plane counts as in it [m]
+_IN_PLANE_M = 1.5e-3  #: a sensor or mark whose place is this near to the plane counts as in it [m]
 
 
 def draw_section(axes: Any, geometry: Geometry, plane: SectionPlane) -> dict[str, Any]:
@@ -270,7 +270,7 @@ def _draw_spots(
     role, marker, colour = style
     name = "field sensor" if role == "sensor" else role
     places = plane.project(np.stack([spot.position for spot in spots]))
-    inside = np.abs(places[:, 2]) <= _NEAR
+    inside = np.abs(places[:, 2]) <= _IN_PLANE_M
     for chosen, face, label in ((inside, colour, name), (~inside, "none", f"{name} off this plane")):
         if chosen.any():
             entries[label] = axes.plot(

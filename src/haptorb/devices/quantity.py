@@ -58,8 +58,10 @@ __all__ = [
     "si",
 ]
 
-_LONGEST = 100  #: characters of a value
-_LARGEST = 1e15  #: in SI units; beyond it, and below its inverse, nothing in a device is, and products would overflow
+_MAX_VALUE_CHARACTERS = 100  #: characters of a value
+_MAX_NUMBER = (
+    1e15  #: in SI units; beyond it, and below its inverse, nothing in a device is, and products would overflow
+)
 _NUMBER = re.compile(
     r"\s*([+-]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][+-]?[0-9]{1,4})?|[+-]?inf)\s*(.*?)\s*"
 )
@@ -99,7 +101,7 @@ def si(value: object, unit: str, kind: str) -> float:
         if isinstance(value, tuple):
             number, name = float(value[0]), str(value[1])
         elif isinstance(value, str):
-            match = _NUMBER.fullmatch(value) if len(value) <= _LONGEST else None
+            match = _NUMBER.fullmatch(value) if len(value) <= _MAX_VALUE_CHARACTERS else None
             if match is None:
                 raise ValueError(f"{expected}; got {quote(value)}")
             number, name = float(match[1]), match[2]
@@ -121,9 +123,10 @@ def si(value: object, unit: str, kind: str) -> float:
     except (ArithmeticError, AttributeError, ValueError) as cause:
         why = explain_unit(name, unit, _is_unit)
         raise ValueError(f"{expected if name == '' else f'must be {kind}'}; got {text}{why}") from cause
-    if not unbounded and converted != 0.0 and not 1.0 / _LARGEST <= abs(converted) <= _LARGEST:
+    if not unbounded and converted != 0.0 and not 1.0 / _MAX_NUMBER <= abs(converted) <= _MAX_NUMBER:
         raise ValueError(
-            f"must be {kind} whose size is between {1 / _LARGEST:g} and {_LARGEST:g} {unit}".rstrip() + f"; got {text}"
+            f"must be {kind} whose size is between {1 / _MAX_NUMBER:g} and {_MAX_NUMBER:g} {unit}".rstrip()
+            + f"; got {text}"
         )
     return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
 

@@ -28,7 +28,7 @@ from haptorb.magnetics.source import RoundBody
 
 __all__ = ["load_field_table", "load_torque_table"]
 
-_MOST = 64 * 1024 * 1024  #: bytes of a table
+_MAX_TABLE_BYTES = 64 * 1024 * 1024  #: bytes of a table
 
 #: whose code makes a table's numbers: `pair_table`, the magnets it is given, and what they import, but for what only
 #: carries numbers about
@@ -100,7 +100,7 @@ def _load_or_build(made_from: str, functions: int, build: Callable[[], PairTable
 def _read(path: Path, name: str, functions: int) -> PairTable | None:
     """The table in `path`, or None if it is absent, torn, altered, or not this one."""
     try:
-        head, _, numbers = read_bytes(path, _MOST, "table", DeviceError).partition(b"\n")
+        head, _, numbers = read_bytes(path, _MAX_TABLE_BYTES, "table", DeviceError).partition(b"\n")
         header = json.loads(head)
         rows, columns = header["shape"]
         sound = (

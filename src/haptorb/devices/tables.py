@@ -44,7 +44,7 @@ __all__ = [
 Progress = Callable[[int, int], None]  #: called with (done, total) evaluations of the exact model
 
 _FIRST, _LAST = 96, 3072  #: angles asked: first try, and the most that are tried
-_FEWEST, _PAIR_TABLE_MOST = 256, 8192  #: cells of a table
+_MIN_CELLS, _MAX_CELLS = 256, 8192  #: cells of a table
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,13 +167,13 @@ def _tabulate(
     if not 0 < float(check_finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     series, tail = _series(exact, precision, progress)
-    cells, gap = chord_pieces(series, _FEWEST)
-    while gap > 0.5 * precision and len(cells) <= _PAIR_TABLE_MOST:
+    cells, gap = chord_pieces(series, _MIN_CELLS)
+    while gap > 0.5 * precision and len(cells) <= _MAX_CELLS:
         cells, gap = chord_pieces(series, 2 * (len(cells) - 1))
     bound = tail + gap + 0.1 * precision  # what the exact model itself may be off
     if bound > 2 * precision:
         raise PrecisionError(
-            f"a table of {_PAIR_TABLE_MOST} cells is precise to {bound:.1e} relative; {precision:.1e} was requested"
+            f"a table of {_MAX_CELLS} cells is precise to {bound:.1e} relative; {precision:.1e} was requested"
         )
     return PairTable(cells, 0.5 * (len(cells) - 1), float(bound))
 
@@ -261,7 +261,7 @@ def chord_pieces(series: Array, count: int) -> tuple[Array, float]:
 
 _CELLS = 512  #: quintic pieces of the table
 _ACROSS, _ALONG = 24, 12  #: filaments of a winding
-_SERIES_TABLE_MOST = 1200  #: terms
+_MAX_TERMS = 1200  #: terms
 _LEFT = 1e-9  #: share of the first term that the terms which are left out may have
 
 
@@ -297,7 +297,7 @@ def _energy_series(
             f"at {discs[0] * 1e3:.2f} mm"
         )
     rim = float(np.hypot(discs[0], magnet.radius))
-    terms = int(np.clip(np.log(_LEFT * (1 - reach / rim)) / np.log(reach / rim), 24, _SERIES_TABLE_MOST))
+    terms = int(np.clip(np.log(_LEFT * (1 - reach / rim)) / np.log(reach / rim), 24, _MAX_TERMS))
     unit = np.sqrt(reach * rim)  # powers of lengths stay within the range of numbers
     radii, heights, turns = coil.filaments(_ACROSS, _ALONG)
     charge = magnet.polarization / MU0 * np.array([-1.0, 1.0])

@@ -37,7 +37,7 @@ __all__ = [
 FORMAT = "haptorb-calibration-1"
 _KEYS = {"format", "device", "digest", "moment_per_current_m2", "uncertainty_m2", "offsets_t", "resistance_ohm",
          "residual_t", "condition", "repeatability", "heat", "simulated"}  # fmt: skip
-_FARTHEST = 5e-3  #: that a coil can be off its place [m]
+_MAX_COIL_OFFSET_M = 5e-3  #: that a coil can be off its place [m]
 _OPTIONAL = {
     "field_sensors", "coils", "centres_m", "centre_uncertainty_m", "magnet_strength", "magnet_strength_uncertainty",
 }  # fmt: skip
@@ -193,10 +193,10 @@ class Calibration:
             raw = {"centres_m": None, "centre_uncertainty_m": None} | dict(raw)
             centres = numbers(raw, "centres_m", name, (channels, 3))
             spread = numbers(raw, "centre_uncertainty_m", name, (channels, 3))
-            if np.abs(centres).max() > _FARTHEST:
+            if np.abs(centres).max() > _MAX_COIL_OFFSET_M:
                 raise CalibrationError(
                     f"{name}: centres_m says that a coil is {1e3 * np.abs(centres).max():.4g} mm off its place, more "
-                    f"than {1e3 * _FARTHEST:g} mm; calibrate again"
+                    f"than {1e3 * _MAX_COIL_OFFSET_M:g} mm; calibrate again"
                 )
         strength, unsure = None, None
         if raw.get("magnet_strength") is not None or raw.get("magnet_strength_uncertainty") is not None:
@@ -258,17 +258,19 @@ def _heat(raw: Any, channels: int, name: str) -> MeasuredHeat | None:
 # Calibrations and trackers' frames as files: written whole or not at all, and never over another by accident.
 
 
-_MOST = 1024 * 1024  #: bytes
+_MAX_FILE_BYTES = 1024 * 1024  #: bytes
 
 
 def read_calibration(path: str | Path) -> Calibration:
     """The calibration in the file; CalibrationError if it cannot be read or is none."""
-    return Calibration.parse(read_text(path, "calibration", CalibrationError, _MOST, FileKind.CALIBRATION), str(path))
+    return Calibration.parse(
+        read_text(path, "calibration", CalibrationError, _MAX_FILE_BYTES, FileKind.CALIBRATION), str(path)
+    )
 
 
 def read_frame(path: str | Path) -> TrackerFrame:
     """The tracker's frame in the file; CalibrationError if it cannot be read or is none."""
-    return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MOST, FileKind.FRAME), str(path))
+    return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MAX_FILE_BYTES, FileKind.FRAME), str(path))
 
 
 def check_writable(path: str | Path, *, overwrite: bool) -> Path:

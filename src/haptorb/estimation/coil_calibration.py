@@ -43,7 +43,7 @@ __all__ = [
 _DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
 _AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
 _SILENT = 0.2  #: share of the expected field below which a sensor does not answer
-_MOST_SILENT = 4  #: one of so many sensors may be missing
+_SENSORS_PER_SILENT = 4  #: one of so many sensors may be missing
 _ROUNDS, _SETTLED = 30, 1e-9  #: of the regression of coils with sizes: at the most, and relative
 _ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
 
@@ -314,12 +314,12 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
     modelled = np.einsum("sim,nm->nsi", device.coil_fields(at), x)
     signal, answer = (np.sqrt((part**2).mean(axis=(0, 2))) for part in (modelled, swing))
     silent = tuple(int(s) for s in np.flatnonzero(answer < _SILENT * signal))
-    if len(silent) > device.sensors // _MOST_SILENT:
+    if len(silent) > device.sensors // _SENSORS_PER_SILENT:
         names = ", ".join(str(s + 1) for s in silent)
         raise CalibrationError(
             f"field sensors {names} of {device.sensors} do not respond to the coils: check their supply and "
             "connection; "
-            f"one in {_MOST_SILENT} may be left out"
+            f"one in {_SENSORS_PER_SILENT} may be left out"
         )
     return silent
 
@@ -496,7 +496,7 @@ def thermal_identification(
 _NETWORK_IDENTIFICATION_TRUST = (
     0.25  #: relative standard deviation of a value above which the record does not determine it
 )
-_FEWEST = 20  #: readings of a record
+_MIN_READINGS = 20  #: readings of a record
 _ON = 0.25  #: share of the record's greatest power from which on a coil counts as driven
 _ALONE = 10  #: readings at least in which a coil is driven and no other is
 _COIL = ("winding capacity", "body capacity", "conductance from winding to body", "conductance to the air")
@@ -629,8 +629,8 @@ def _check_record(record: HeatRecord, coils: int) -> None:
               np.shape(record.boundary)]  # fmt: skip
     if times.ndim != 1 or any(shape != (len(times), coils) for shape in shapes):
         raise InputError(f"power, winding and boundary must have shape ({len(times)}, {coils}); got {shapes}")
-    if len(times) < _FEWEST or not (np.diff(times) > 0).all():
-        raise InputError(f"a thermal record needs at least {_FEWEST} readings at rising times")
+    if len(times) < _MIN_READINGS or not (np.diff(times) > 0).all():
+        raise InputError(f"a thermal record needs at least {_MIN_READINGS} readings at rising times")
 
 
 def _check_switching(record: HeatRecord, names: Sequence[str]) -> None:

@@ -227,7 +227,7 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
                 J[k, 2, 3 + j] += dzx * tx + dzy * ty + dzz * tz
 
 
-_LONGEST = 15e-3  #: longest way of one step [m]: a fifth of the distance to the sensors
+_MAX_STEP_M = 15e-3  #: longest way of one step [m]: a fifth of the distance to the sensors
 _WIDEST = 0.35  #: widest turn of one step [rad]
 
 
@@ -375,7 +375,7 @@ def fit_tool(
             gain += total * old[a]
         way = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         wide = math.sqrt(step[3] ** 2 + step[4] ** 2)
-        shorter = min(1.0, _LONGEST / max(way, 1e-12), _WIDEST / max(wide, 1e-12))
+        shorter = min(1.0, _MAX_STEP_M / max(way, 1e-12), _WIDEST / max(wide, 1e-12))
         for i in range(3):
             p[i] = last_p[i] + shorter * step[i]
         wx, wy = shorter * step[3], shorter * step[4]

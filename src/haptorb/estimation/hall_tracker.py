@@ -243,9 +243,9 @@ VAGUE: Final = 5  #: what was read contradicts nothing and says too little, as w
 
 #: a last step below this leaves its square over 70 mm, 0.1 mm and 0.2°; typical noise makes half such steps
 _NEAR, _TURN = 3e-3, 0.08
-_MOST = 4  #: evaluations
+_MAX_EVALUATIONS = 4  #: evaluations
 _EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
-_MANY = 5.0  #: residuals so many times the sensors' noise are no noise
+_OUTLIER_SIGMAS = 5.0  #: residuals so many times the sensors' noise are no noise
 _SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
 CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
 _PAUSED = 0.05  #: without currents for so long the core's lag is over [s]
@@ -308,7 +308,7 @@ def subtract_coils(
     t.share += _FRESH * (new / t.readings - t.share)
     if not (np.isfinite(total) and oldest <= _OLD):
         return False
-    square = _MANY * _MANY * (t.noise * t.noise + t.swing * t.swing + t.lasting * t.lasting)
+    square = _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * (t.noise * t.noise + t.swing * t.swing + t.lasting * t.lasting)
     share = max(_SHARE, 3.0 * t.coil_error)
     t.limit = np.sqrt(square + share * share * total / t.readings)
     weigh_moment(t, known.columns, currents, lagged, CALIBRATED)
@@ -399,7 +399,7 @@ def follow_tool(
     t, R, p, readings = tracker[0], pose[:3], pose[3], tracker[0].readings
     predict(t.filter, dt, p, R)
     _fill_rates(t, R)
-    found, misfit = fit_tool(t, sensors, unpack_model(model).tool, _NEAR, _TURN, _MOST, p, R)
+    found, misfit = fit_tool(t, sensors, unpack_model(model).tool, _NEAR, _TURN, _MAX_EVALUATIONS, p, R)
     if not found or not is_explained(misfit, readings, t.limit):
         return UNEXPLAINED
     why = filter_fit(tracker, misfit, readings, dt, pose)
@@ -527,7 +527,7 @@ _SAME = 0.2e-3  #: currents that are newer by less than this are no second measu
 _CURRENT_HISTORY_PAUSE = 0.05  #: between two of them, after which nothing is known of the time between [s]
 _BEYOND = 0.3  #: of a step between two measurements, so far outside of them a field may lie
 _SCATTER = 0.15e-3  #: standard deviation of when a current was so [s]
-_LATELY = 0.01  #: for so long a change of the currents spoils readings that are still in use [s]
+_RECENT_CHANGE_S = 0.01  #: for so long a change of the currents spoils readings that are still in use [s]
 
 
 @final
@@ -596,7 +596,7 @@ class CurrentHistory(Stateful):
             first -= 1
         step, change = float(times[first + 1] - times[first]), values[first + 1] - values[first]
         share = (when - float(times[first])) / step
-        self.doubt = np.maximum(_SCATTER / step * np.abs(change), math.exp(-newer / _LATELY) * self.doubt)
+        self.doubt = np.maximum(_SCATTER / step * np.abs(change), math.exp(-newer / _RECENT_CHANGE_S) * self.doubt)
         if -_BEYOND <= share <= 1.0 + _BEYOND:
             self.field, self.taken = self._waiting, when
             self.currents = values[first] + share * change
@@ -608,7 +608,7 @@ IN_TURNS = 30.0
 _TOOL_POSITION_PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
 _CARRIED = 0.01  #: for so long the tool's motion is extrapolated while the readings contain too little [s]
 _VERDICTS = ("", "lost", "reversed")
-_WAIT = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
+_SEARCH_INTERVAL_S = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
 
 
 class HallTracker(Estimator):
@@ -743,7 +743,7 @@ class HallTracker(Estimator):
             code = UNEXPLAINED if whole else UNREAD
         if code == UNEXPLAINED:
             self._found = False
-            if sample.t - self._searched < _WAIT:
+            if sample.t - self._searched < _SEARCH_INTERVAL_S:
                 return self._unknown(sample.t, self.verdict or self.LOST)
             self._searched = sample.t
             code = self._search(pose)

@@ -28,14 +28,14 @@ from haptorb.rotations import rotate
 __all__ = ["LoadRecord", "calibrate_by_loads", "check_loads", "list_columns", "read_loads"]
 
 _MOST_BYTES = 16 * 1024 * 1024
-_LARGEST = 1e6  #: of any value, in its unit
-_LEAST = 12  #: readings
+_MAX_VALUE = 1e6  #: of any value, in its unit
+_MIN_READINGS = 12  #: readings
 _PLACES, _APART = 6, 5e-3  #: at so many places at least, so far from each other [m]
 _SHARE, _ENOUGH = 0.1, 3  #: of a coil's greatest current, in so many readings at least
-_FAR = 1.0  #: nothing is measured so far away [m]
+_MAX_DISTANCE_M = 1.0  #: nothing is measured so far away [m]
 _MOMENTS = 0.005  #: of each entry of moments that field sensors measured, beside their noise, relative
 _ZERO = (0.2, 0.01)  #: of the cell: standard deviations of its constant force [N] and torque [N·m]
-_LEAST_NOISE = (1e-4, 1e-6)  #: of a reading [N, N·m]
+_MIN_NOISE = (1e-4, 1e-6)  #: of a reading [N, N·m]
 _ROUNDS, _STEP = 6, 1e-4
 _WRONG = 0.2  #: of the forces' rms may be left, relative
 
@@ -99,19 +99,19 @@ def _list_rows(text: str, path: Path, columns: tuple[str, ...], name: str) -> It
             row = [float(cell) for cell in cells]
         except ValueError as cause:
             raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {quote(cells)}") from cause
-        if not (np.abs(row) < _LARGEST).all():
+        if not (np.abs(row) < _MAX_VALUE).all():
             raise CalibrationError(
-                f"{path}, line {reader.line_num}: numbers must be below {_LARGEST:g}: {quote(cells)}"
+                f"{path}, line {reader.line_num}: numbers must be below {_MAX_VALUE:g}: {quote(cells)}"
             )
         yield row
 
 
 def check_loads(record: LoadRecord, device: SphericalElectromagnet, name: str) -> None:
     """CalibrationError unless the readings can tell what is asked of them."""
-    if len(record) < _LEAST:
-        raise CalibrationError(f"{name} has {len(record)} readings; at least {_LEAST} are needed")
+    if len(record) < _MIN_READINGS:
+        raise CalibrationError(f"{name} has {len(record)} readings; at least {_MIN_READINGS} are needed")
     away = np.linalg.norm(record.p, axis=1)
-    if not (away < _FAR).all():
+    if not (away < _MAX_DISTANCE_M).all():
         raise CalibrationError(f"{name}: the tool is up to {away.max():.3g} m away; x_m, y_m and z_m are in metres")
     least = device.core_radius + device.tool.length / 2
     if (away <= least).any():
@@ -181,7 +181,7 @@ def calibrate_by_loads(
     scales = np.concatenate([np.tile(sizes, 3), np.full(centres.size, 0.1), [1.0], np.full(3, 0.1)])
     now, gone = start, np.zeros(len(prior))
     noise = np.array([0.02, 0.02]) * np.sqrt([(record.wrench[:, :3] ** 2).mean(), (record.wrench[:, 3:] ** 2).mean()])
-    noise = np.maximum(noise, _LEAST_NOISE)
+    noise = np.maximum(noise, _MIN_NOISE)
     for _ in range(_ROUNDS):
         base = _predict(believed, now, record)
         left = record.wrench - base
@@ -197,7 +197,7 @@ def calibrate_by_loads(
         now, gone = now.step(x), gone + x
         left = record.wrench - _predict(believed, now, record)
         rms = np.sqrt([(left[:, :3] ** 2).mean(), (left[:, 3:] ** 2).mean()])
-        noise = np.maximum(rms, _LEAST_NOISE)
+        noise = np.maximum(rms, _MIN_NOISE)
     size = float(np.sqrt((record.wrench[:, :3] ** 2).mean()))
     if not np.isfinite(rms).all() or rms[0] > _WRONG * size:
         raise CalibrationError(

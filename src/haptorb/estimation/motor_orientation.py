@@ -118,10 +118,10 @@ def torque_per_ampere(model: FieldModel, R: Array, strength: float, matrix: Arra
 
 
 _OUTLYING = 6.0  #: a residual so many times the middle one is no accident
-_LONGEST = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
+_MAX_TURN = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
 _NEAR = 2e-3  #: after such a turn [rad] the derivatives are some hundredths off, and so is what a step ends short of
 _WEAKEST, _STRONGEST = 0.5, 2.0  #: what is called the same rotor
-_GAUSS_NEWTON_FEWEST = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
+_MIN_AGREEING_SENSORS = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
 
 #: One search for an orientation: from where, and where it has come.
 FIT = fields(
@@ -273,7 +273,7 @@ def fit_orientation(
     B, N, step = np.empty((1, places, 3)), np.empty((4, 4)), np.empty(4)
     squares, turned = np.empty(places), np.empty((3, 3))
     rms, out_count = np.inf, 0
-    if count < _GAUSS_NEWTON_FEWEST:
+    if count < _MIN_AGREEING_SENSORS:
         return False, rms, out_count
     for _ in range(most):
         here = R.reshape(1, 3, 3)
@@ -300,11 +300,11 @@ def fit_orientation(
             out_count = count - inliers
             if not changed:
                 break
-        if inliers < _GAUSS_NEWTON_FEWEST:
+        if inliers < _MIN_AGREEING_SENSORS:
             return False, rms, out_count
         rms = math.sqrt(total / (3.0 * inliers))
         length = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-        shorter = min(1.0, _LONGEST / length) if length > 0.0 else 1.0
+        shorter = min(1.0, _MAX_TURN / length) if length > 0.0 else 1.0
         turn_by(shorter * step[0], shorter * step[1], shorter * step[2], R, turned)
         for i in range(3):
             for j in range(3):
@@ -416,7 +416,7 @@ _CANDIDATES = 8  #: nodes tried, the most alike first
 _APART = np.radians(7.0)  #: two candidates that are nearer to each other would lead to the same place
 _EXACT, _COLD_START_STEPS = 1e-6, 25  #: last step of a fit from a node [rad], and its steps at most
 _COLD_START_POOR = 0.1  #: residual over field that no orientation of the rotor explains
-_COLD_START_FEWEST = 8  #: sensors without which several orientations may look alike
+_MIN_COLD_START_SENSORS = 8  #: sensors without which several orientations may look alike
 
 
 class OrientationFix(NamedTuple):
@@ -455,7 +455,7 @@ class ColdStart(Stateful):
         fit = self._fit
         trusted[:] = usable
         count = int(usable.sum())
-        if count < _COLD_START_FEWEST:
+        if count < _MIN_COLD_START_SENSORS:
             return None
         likeness = np.empty(len(self._nodes))
         _fill_cosines(self._fields, field, usable, self._largest, likeness)
@@ -509,8 +509,8 @@ def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, ou
 
 
 _TOLERANCE = 1e-4  #: [rad]: after such a step the error is a hundredth of that squared, times ten
-_LEAST_SQUARES_STEPS = 6  #: at most, from the last orientation on
-_LEAST_SQUARES_POOR = 0.1  #: residual over field: more is not noise, it is another orientation
+_MAX_STEPS = 6  #: at most, from the last orientation on
+_MAX_RESIDUAL_SHARE = 0.1  #: residual over field: more is not noise, it is another orientation
 _PAUSE = 0.05  #: without a sample for so long [s], the angular velocity says nothing any more
 
 #: What tracking remembers between two ticks, and the settings that it goes by.
@@ -695,13 +695,13 @@ def _track_orientation(
         for j in range(3):
             R[i, j] = predicted[i, j]
     found, rms, outliers = fit_orientation(
-        fit, model, field, usable, count, trusted, slopes, _TOLERANCE, _LEAST_SQUARES_STEPS
+        fit, model, field, usable, count, trusted, slopes, _TOLERANCE, _MAX_STEPS
     )  # fmt: skip
     # safety: field-explained
     if (
         not found
         or 2 * outliers > count
-        or not rms * rms <= _LEAST_SQUARES_POOR * _LEAST_SQUARES_POOR * square / (3.0 * count)
+        or not rms * rms <= _MAX_RESIDUAL_SHARE * _MAX_RESIDUAL_SHARE * square / (3.0 * count)
     ):
         return False, fit.strength, places - count + outliers
     if dt > 0.0:

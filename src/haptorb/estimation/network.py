@@ -153,7 +153,7 @@ class Perceptron:
 # are as long as the training set and as wide as the parameters, whatever the number of outputs.
 
 
-_LEVENBERG_MARQUARDT_MOST = 1e12  #: damping beyond which no step helps any more
+_MAX_TRAINING_DAMPING = 1e12  #: damping beyond which no step helps any more
 
 Report = Callable[[float], None]  #: called with the share that is done, 0 … 1
 
@@ -251,7 +251,7 @@ def fit_weights(
     for step in range(iterations):
         normal, downhill = _normal_equations(x1, h1, output, residual)
         diagonal = np.diag(normal).copy()
-        while damping < _LEVENBERG_MARQUARDT_MOST:
+        while damping < _MAX_TRAINING_DAMPING:
             new_hidden, new_output = _step_weights(normal, diagonal, downhill, damping, hidden, output)
             new_h1 = np.concatenate([np.tanh(x1 @ new_hidden.T), ones], axis=1)
             new_residual = y - new_h1 @ new_output.T
@@ -769,7 +769,7 @@ def _forward(
 # map is about a tenth of K off, whatever the noise (spatial aliasing).
 
 
-_MOST_MISSING = 0.25  #: share of the sensors that the others may stand in for
+_MAX_MISSING_SHARE = 0.25  #: share of the sensors that the others may stand in for
 
 
 class LinearTorque(TorqueMap):
@@ -808,7 +808,7 @@ class LinearTorque(TorqueMap):
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
         """As `TorqueMap.torque`: all coils are known, or none where too many sensors are missing."""
         missing = np.flatnonzero(usable == 0.0)
-        if missing.size > _MOST_MISSING * self._sensors:
+        if missing.size > _MAX_MISSING_SHARE * self._sensors:
             known[:] = 0.0
             return
         np.subtract(field.ravel(), self._mean, out=self._completed)
@@ -841,7 +841,7 @@ def _map_readings(M: Array, offset: Array, x: Array, out: Array) -> None:
 
 
 _KIND = "haptorb networks 1"
-_NETWORK_FILE_MOST = 64 * 1024 * 1024  #: bytes
+_MAX_FILE_BYTES = 64 * 1024 * 1024  #: bytes
 
 
 def networks_path(motor: SphericalMotor) -> Path:
@@ -881,7 +881,7 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
 def read_networks(path: Path) -> TrainedNetworks:
     """What `write_networks` wrote; InputError where the file is absent, torn, altered or something else."""
     try:
-        content = read_bytes(path, _NETWORK_FILE_MOST, "network file", InputError, FileKind.NETWORK)
+        content = read_bytes(path, _MAX_FILE_BYTES, "network file", InputError, FileKind.NETWORK)
     except InputError as cause:
         raise InputError(f"{cause}; run `haptorb train`") from cause
     return parse_networks(content, f"network file '{path}'")

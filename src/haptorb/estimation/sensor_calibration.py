@@ -454,7 +454,7 @@ def choose_readings(tour: ToolTour, most: int) -> ToolTour:
 # distributions as prior, so that what cannot be observed stays where the data sheet has it, and is named.
 
 
-_MOST = 30  #: steps
+_MAX_STEPS = 30  #: steps
 _DONE = 1e-2  #: of a standard deviation of the prior, a step after which no other is made
 _HUBER = 2.5  #: standard deviations beyond which a reading pulls no more strongly
 _MODEL = 1e-6  #: standard deviation of what the model of the tool's field gets wrong [T]
@@ -552,7 +552,7 @@ class _Bundle:
     def solve(self) -> SensorFit:
         """Steps until nothing moves."""
         scale = np.sqrt(np.diag(self.prior))
-        for _ in range(_MOST):
+        for _ in range(_MAX_STEPS):
             H, g, back = self.normal()
             step: Array = np.asarray(np.linalg.solve(H, g), dtype=np.float64)
             if not np.isfinite(step).all():

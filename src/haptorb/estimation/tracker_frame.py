@@ -134,7 +134,7 @@ class TouchSession:
 
 _ROUNDS = 6  #: of leaving out what does not lie on the sphere
 _FRAME_START_LEFT_OUT = 4.0  #: robust standard deviations from which a touch does not lie on it
-_FRAME_START_LEAST = 0.3e-3  #: nor is one left out that is nearer to it than this [m]
+_START_TOLERANCE_M = 0.3e-3  #: nor is one left out that is nearer to it than this [m]
 
 
 @final
@@ -183,7 +183,7 @@ def sphere(points: Array) -> tuple[Array, float, Array]:
         radius = float(np.sqrt(max(found[3] + centre @ centre, 0.0)))
         off = np.linalg.norm(x - centre, axis=1) - radius
         scale = 1.4826 * float(np.median(np.abs(off[on] - np.median(off[on]))))
-        before, on = on, np.abs(off) <= max(_FRAME_START_LEFT_OUT * scale, _FRAME_START_LEAST)
+        before, on = on, np.abs(off) <= max(_FRAME_START_LEFT_OUT * scale, _START_TOLERANCE_M)
         if (on == before).all() or on.sum() < 4:
             break
     return centre + middle, radius, on
@@ -413,7 +413,7 @@ UNKNOWNS = ("turn about x", "turn about y", "turn about z", "shift along x", "sh
 _STEPS = 20
 _SETTLED = 1e-9  #: [m]
 _FRAME_FIT_LEFT_OUT = 4.0  #: robust standard deviations from which a touch on the dome is left out
-_FRAME_FIT_LEAST = 0.3e-3  #: but none that is nearer than this [m]
+_FIT_TOLERANCE_M = 0.3e-3  #: but none that is nearer than this [m]
 _FREE = 1e-2  #: share of the greatest singular value below which a direction is not observable: noise alone makes some
 
 
@@ -470,7 +470,7 @@ class FrameFit:
                 raise CalibrationError("the fit of the frame does not converge: touch the dome and all marks again")
             off = np.linalg.norm(self.x[: self.dome], axis=1) - self.radius
             scale = 1.4826 * float(np.median(np.abs(off - np.median(off))))
-            before, self.on = self.on, np.abs(off) <= max(_FRAME_FIT_LEFT_OUT * scale, _FRAME_FIT_LEAST)
+            before, self.on = self.on, np.abs(off) <= max(_FRAME_FIT_LEFT_OUT * scale, _FIT_TOLERANCE_M)
             if (self.on == before).all():
                 return
 
@@ -613,7 +613,7 @@ FORMAT = "haptorb-tracker-frame-1"
 _VECTORS = {"shift_m": (3,), "tip_m": (3,), "magnet_m": (3,), "axis": (3,), "turn": (3, 3)}
 _NUMBERS = ("residual_m", "condition", "position_m", "direction_rad")
 _KEYS = {"format", "device", "digest", "tracker", "simulated", *_VECTORS, *_NUMBERS}
-_FAR = 1e3  #: no tracker sees a tool farther away [m]
+_MAX_DISTANCE_M = 1e3  #: no tracker sees a tool farther away [m]
 _ARM = 1.0  #: no rigid body is farther from the tool's magnet [m]
 
 
@@ -676,7 +676,7 @@ class TrackerFrame:
         What cannot be a pose stays as it is, and a quaternion keeps its length: the pose filter checks them after this.
         """
         length = hypot(*q)
-        if len(p) != 3 or len(q) != 4 or not hypot(*p) < _FAR or not 0.5 < length < 2.0:
+        if len(p) != 3 or len(q) != 4 or not hypot(*p) < _MAX_DISTANCE_M or not 0.5 < length < 2.0:
             return tuple(p), tuple(q)
         place = self.R @ (np.array(p) + rotate(np.array(q) / length, self.magnet)) + self.t
         before, after = self._quaternions

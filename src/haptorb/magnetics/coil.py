@@ -353,7 +353,7 @@ def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
 
 _NODES = 12  #: of the Gauss sums over the winding's section, each way
 _LEFT_OUT = 1e-6  #: relative, of the first neglected term
-_MOST = 151  #: degrees
+_MAX_DEGREE = 151  #: degrees
 
 
 @final
@@ -376,7 +376,7 @@ class CentredCoil:
             raise GeometryError(
                 f"points {nearest * 1e3:g} mm from the centre are within coil or core: {reach * 1e3:g} mm"
             )
-        order = int(min(_MOST, 3 + np.log(_LEFT_OUT) / np.log(reach / nearest)))
+        order = int(min(_MAX_DEGREE, 3 + np.log(_LEFT_OUT) / np.log(reach / nearest)))
         degrees = np.arange(1, order + 1, 2)
         radii, heights, turns = coil.filaments(_NODES, _NODES)
         far = np.hypot(radii, heights)
@@ -426,7 +426,7 @@ def coil_and_core(coil: Coil, core: SoftSphere, points: Array) -> Array:
     radii, heights, turns = coil.filaments(_NODES, _NODES)
     far = np.hypot(radii, heights)
     ratio = core.radius**2 / (float(far.min()) * float(x.min()))
-    order = int(min(_MOST, 3 + np.log(_LEFT_OUT) / np.log(min(ratio, 0.99))))
+    order = int(min(_MAX_DEGREE, 3 + np.log(_LEFT_OUT) / np.log(min(ratio, 0.99))))
     degrees = np.arange(1, order + 1, 2)
     c = heights / far
     loops = 0.5 * MU0 * turns * (1 - c * c) * _list_slopes(c, order)[degrees]

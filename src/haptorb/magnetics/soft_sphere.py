@@ -37,7 +37,7 @@ __all__ = [
 
 
 _SOFT_SPHERE_K = MU0 / (4 * np.pi)
-_LONGEST = 4000  #: more terms than this mean that a charge touches the sphere
+_MAX_TERMS = 4000  #: more terms than this mean that a charge touches the sphere
 
 
 @kernel
@@ -154,11 +154,11 @@ class SoftSphere:
                 f"{self.radius * 1e3:.4g} mm; keep it outside"
             )
         terms = int(np.ceil(np.log(precision * (1 - t)) / np.log(t))) + 1
-        if terms > _LONGEST:
-            reached = t ** (_LONGEST + 1) / (1 - t)
+        if terms > _MAX_TERMS:
+            reached = t ** (_MAX_TERMS + 1) / (1 - t)
             raise PrecisionError(
                 f"a charge {(nearest - self.radius) * 1e3:.2g} mm above the sphere needs {terms} terms for "
-                f"{precision:.1g}; {_LONGEST} would reach {reached:.1g}: move it further out or request less"
+                f"{precision:.1g}; {_MAX_TERMS} would reach {reached:.1g}: move it further out or request less"
             )
         return max(terms, 2)
 

@@ -98,7 +98,7 @@ def third_kind(kc: float, gamma: float) -> float:
 # Struve's functions) and 12.1.29 (their expansions).
 
 
-_FAR = 30.0  #: from here on the expansions hold, with terms that fall below 1e-12
+_EXPANSION_FROM = 30.0  #: from here on the expansions hold, with terms that fall below 1e-12
 _BESSEL_NODES = 24  #: of the integral below it; its error is of the order of J₉₆(30)
 _BESSEL_TERMS = 8
 
@@ -110,7 +110,7 @@ def integrate_bessel(x: Array) -> Array:
     0.15453272
     """
     x = np.asarray(x, dtype=float)
-    out, near = np.empty(x.shape), x < _FAR
+    out, near = np.empty(x.shape), x < _EXPANSION_FROM
     s = np.sin(0.5 * np.pi * (np.arange(_BESSEL_NODES) + 0.5) / _BESSEL_NODES)
     phase = x[near][..., None] * s
     out[near] = (np.sin(phase) / s - x[near][..., None] * np.cos(phase)).mean(axis=-1)

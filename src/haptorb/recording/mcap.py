@@ -117,7 +117,7 @@ def fields_of(text: str) -> tuple[Field, ...]:
 
 
 CHUNK = 32_000  #: bytes before compression
-_LONGEST = 0.04  #: time in a chunk [s]: at slow rates a full chunk would be too much to lose
+_MAX_CHUNK_S = 0.04  #: time in a chunk [s]: at slow rates a full chunk would be too much to lose
 
 
 class _CountedFile:
@@ -151,7 +151,7 @@ class Recorder:
         self._wall = layout["wall"].start
         self._offset = unix_minus_monotonic
         size = len(CDR_HEADER) + 8 * layout.width
-        chunk = min(CHUNK, int(rate * _LONGEST) * size)
+        chunk = min(CHUNK, int(rate * _MAX_CHUNK_S) * size)
         self._writer = Writer(cast("BinaryIO", self._file), chunk_size=max(chunk, 1), compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=f"haptorb {__version__}")
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())

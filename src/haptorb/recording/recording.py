@@ -377,7 +377,7 @@ def _name_world(note: dict[str, str]) -> str:
         return ""
 
 
-_LOOK = 256 * 1024  #: bytes by which a file of another kind is recognised
+_HEAD_BYTES = 256 * 1024  #: bytes by which a file of another kind is recognised
 _WHOLE = 32 * 1024 * 1024  #: bytes of a file that is read, and checked, at once when it is opened
 
 
@@ -763,7 +763,7 @@ def _open_file(path: Path) -> Iterator[BinaryIO]:
     with open_regular(path, "recording", RecordingError) as file:
         head = file.read(len(MAGIC))
         if not is_mcap(head):
-            other = FileKind.RECORDING.explain_other(path, head + file.read(_LOOK))
+            other = FileKind.RECORDING.explain_other(path, head + file.read(_HEAD_BYTES))
             raise RecordingError(
                 other or f"{path} is not an MCAP file: record one with `haptorb run --record FILE.mcap`"
             )

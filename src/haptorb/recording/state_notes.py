@@ -25,7 +25,7 @@ __all__ = ["LAYOUT_NOTE", "STATE_NOTE", "describe_arrays", "pack_arrays", "unpac
 
 LAYOUT_NOTE: Final = "state_layout"
 STATE_NOTE: Final = "state"
-_MOST: Final = 4_000_000  #: bytes of a state
+_MAX_STATE_BYTES: Final = 4_000_000  #: bytes of a state
 _ARRAYS: Final = 4096
 _TEXT: Final = 1_000_000  #: characters of a layout
 _SIZES: Final = {"<f8": 8, "<i8": 8, "|b1": 1}
@@ -49,7 +49,7 @@ def unpack_arrays(layout: str, text: str) -> dict[str, NDArray[Any]]:
     try:
         entries = _read_layout(layout)
         total = sum(size for _, _, _, size in entries)
-        if total > _MOST:
+        if total > _MAX_STATE_BYTES:
             raise ValueError(f"its arrays are {total} bytes long")
         content = zlib.decompressobj().decompress(b64decode(text, validate=True), total + 1)
         if len(content) != total:  # safety: state-length
@@ -80,7 +80,7 @@ def _read_layout(text: str) -> list[tuple[str, str, tuple[int, ...], int]]:
             raise ValueError("its layout has an entry that is no array of numbers")
         name, kind, shape = entry
         size = _SIZES[kind] * prod(shape)
-        if size > _MOST:
+        if size > _MAX_STATE_BYTES:
             raise ValueError(f"'{name[:100]}' is {size} bytes long")
         found.append((name, kind, tuple(shape), size))
     if len({name for name, _, _, _ in found}) < len(found):
@@ -92,5 +92,7 @@ def _is_array(entry: Any) -> bool:
     """Whether it is [name, type, shape] with a type that a state may have, and a shape without tricks."""
     match entry:
         case [str(), str(kind), list(shape)]:
-            return kind in _SIZES and len(shape) <= 8 and all(type(n) is int and 0 <= n <= _MOST for n in shape)
+            return (
+                kind in _SIZES and len(shape) <= 8 and all(type(n) is int and 0 <= n <= _MAX_STATE_BYTES for n in shape)
+            )
     return False

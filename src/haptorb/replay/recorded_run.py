@@ -374,11 +374,11 @@ def _memory_fields(note: Mapping[str, Any]) -> tuple[MemoryField, ...]:
         )
     except (KeyError, TypeError, ValueError, OverflowError):
         return ()
-    too_long = any(n < 0 for one in found for n in one.shape) or sum(one.size for one in found) > _MEMORY
+    too_long = any(n < 0 for one in found for n in one.shape) or sum(one.size for one in found) > _MAX_MEMORY_NUMBERS
     return () if too_long else found  # safety: memory-length
 
 
-_MEMORY = 1_000_000  #: numbers of a memory, much more than a row has room for
+_MAX_MEMORY_NUMBERS = 1_000_000  #: numbers of a memory, much more than a row has room for
 _KINDS: dict[tuple[str, bool], Any] = {}
 
 
@@ -481,7 +481,7 @@ def _dynamic_kind(known_as: str) -> Any:
 
 
 _READ, _WRITE, _ENGAGE = int(TickFailure.READ), int(TickFailure.WRITE), int(TickFailure.ENGAGE)
-_MOST = 2.0**31  #: more than all failures together
+_MAX_FAILURE_CODE = 2.0**31  #: more than all failures together
 _PLAYED_DRIVER_FAILED = "the driver failed in the recording"
 
 
@@ -528,7 +528,7 @@ class PlayedDriver(Driver):
         states = {code: _coil_state(code) for code in set(codes)}
         self._coils = [states[code] for code in codes]
         failures = np.nan_to_num(block["failures"][:, 0], posinf=0.0, neginf=0.0)
-        self._failures = np.clip(failures, 0.0, _MOST).astype(int).tolist()
+        self._failures = np.clip(failures, 0.0, _MAX_FAILURE_CODE).astype(int).tolist()
         self._at = 0
 
     def go_to(self, number: int) -> None:

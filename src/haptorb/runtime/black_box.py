@@ -27,7 +27,7 @@ __all__ = ["EVERY", "TICKS", "BlackBox", "StateKeeper", "TripRecord"]
 
 TICKS = 100  #: kept up to each trip
 _START = 400  #: ticks after the start, within which the file has them all
-_MOST = 50  #: files of earlier trips that stay in the folder
+_MAX_FILES = 50  #: files of earlier trips that stay in the folder
 
 
 @record
@@ -133,7 +133,7 @@ class BlackBox:
                 recorder.append(rows)
                 recorder.finish()
             self.files[number] = folder / name
-            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MOST]:
+            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MAX_FILES]:
                 old.unlink(missing_ok=True)
         except OSError:
             return  # a full disk is no reason to disturb a run; the rows are in `trips` all the same

@@ -27,9 +27,9 @@ from haptorb.runtime.warm_up import Compilation
 __all__ = ["CATALOGUE", "CONTROLLER"]
 
 CONTROLLER, CATALOGUE = "controller", "catalogue"
-_LEAST = 19  #: nice value
-_TURN = 20.0  #: at most, for another program that compiles the same [s]
-_LOOK = 0.1  #: between two looks whether it does [s]
+_NICE = 19  #: nice value
+_MAX_WAIT_S = 20.0  #: at most, for another program that compiles the same [s]
+_LOCK_RETRY_INTERVAL_S = 0.1  #: between two looks whether it does [s]
 
 
 def main(what: str, folder: Path, parent: int) -> int:
@@ -39,7 +39,7 @@ def main(what: str, folder: Path, parent: int) -> int:
     compilation = Compilation(plan.load(folder / PLAN).config)
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:
-        os.nice(_LEAST)
+        os.nice(_NICE)
         _take_turn()
         parts = _compile_catalogue(compilation, folder)
     for _ in parts:
@@ -62,12 +62,12 @@ def _take_turn() -> None:
         descriptor = os.open(cache_folder() / "compiling", os.O_CREAT | os.O_RDWR, 0o600)
         import fcntl  # not at the top: Windows has none
 
-        end = monotonic() + _TURN
+        end = monotonic() + _MAX_WAIT_S
         while monotonic() < end:
             with suppress(BlockingIOError):
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until this process ends
                 return
-            sleep(_LOOK)  # not in the kernel: who waits for a lock looks like one that hangs
+            sleep(_LOCK_RETRY_INTERVAL_S)  # not in the kernel: who waits for a lock looks like one that hangs
 
 
 def _read_wanted(path: Path) -> str:

@@ -20,7 +20,7 @@ import time
 
 __all__ = ["CoreWaker", "busy_share"]
 
-_LOOK = 0.1  #: between two looks at the other cores [s]
+_CHECK_INTERVAL_S = 0.1  #: between two looks at the other cores [s]
 _ASIDE = 0.5  #: for so long it steps aside before it looks again [s]
 _MUCH = 0.5  #: share of the other cores' time from which on they have much to do
 _PR_SET_PDEATHSIG = 1
@@ -89,7 +89,7 @@ def _wait(parent: int, core: int) -> None:
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     before = _read_other_cores(core)
     while os.getppid() == parent:
-        until = time.monotonic() + _LOOK
+        until = time.monotonic() + _CHECK_INTERVAL_S
         while time.monotonic() < until:
             pass
         after = _read_other_cores(core)

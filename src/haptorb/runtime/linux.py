@@ -280,7 +280,7 @@ def end_group(leader: int) -> None:
 # For programs that talk to a firmware from an ordinary process: nothing of their own may hold them up for 15 ms.
 
 
-_TURN = 1e-4  #: how long a thread may keep the interpreter from another [s]
+_SWITCH_INTERVAL_S = 1e-4  #: how long a thread may keep the interpreter from another [s]
 
 
 def prepare_thread() -> bool:
@@ -290,7 +290,7 @@ def prepare_thread() -> bool:
     silence. What is made from now on is still collected. A thread that draws a progress bar releases the interpreter
     after 0.1 ms: by Python's own 5 ms, waited for at every reading, three in a row would be silence.
     """
-    sys.setswitchinterval(_TURN)
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
     gc.collect()
     gc.freeze()
     return raise_priority()

@@ -36,8 +36,8 @@ STARVATION = 2.0  #: with the time in which it waited for a processor, where not
 STOPPED = 0.1  #: and so is one that is stopped [s]
 LATE = 0.08  #: four beats have not come: time to look [s]
 
-_LOOK = 5_000_000  #: between two looks [ns]; one takes about 20 µs
-_LOOK_AT_THREADS = 20_000_000  #: this one takes as long for every thread [ns]
+_CHECK_INTERVAL_NS = 5_000_000  #: between two looks [ns]; one takes about 20 µs
+_THREAD_CHECK_INTERVAL_NS = 20_000_000  #: this one takes as long for every thread [ns]
 
 
 def state_of(pid: int) -> Callable[[], str]:
@@ -79,14 +79,14 @@ class HostHeartbeat:
         if silence < self._silence:  # it has beaten meanwhile
             self._waited = self._last_threads = 0
         self._silence = silence
-        if self._starved is not None and now - self._last_threads >= _LOOK_AT_THREADS:
+        if self._starved is not None and now - self._last_threads >= _THREAD_CHECK_INTERVAL_NS:
             since, self._last_threads = self._last_threads or now, now
             self._waited += (now - since) * self._starved(now)
         if silence > STARVATION * 1e9:  # safety: host-starved
             return f"the program that started the servo did not respond for {STARVATION:g} s: the computer is too busy"
         if silence - self._waited > SILENCE * 1e9:
             return f"the program that started the servo did not respond for {SILENCE:g} s"
-        if silence > (STOPPED * 1e9 - _LOOK) and now - self._last_look >= _LOOK:
+        if silence > (STOPPED * 1e9 - _CHECK_INTERVAL_NS) and now - self._last_look >= _CHECK_INTERVAL_NS:
             self._last_look = now
             if self._state() in ("T", "t"):  # safety: host-stopped, host-computing
                 return f"the program that started the servo was stopped and did not respond for {STOPPED:g} s"
@@ -228,7 +228,7 @@ class StarvedTime:
 
 
 _MUCH = 100e6  #: from so much on the user is warned [bytes]
-_EVERY = 1.0  #: between two looks [s]
+_MEMORY_CHECK_INTERVAL_S = 1.0  #: between two looks [s]
 
 
 def resident_memory(pid: int) -> int | None:
@@ -252,7 +252,7 @@ class MemoryGrowth:
     def look(self, now: float) -> None:
         """Look, if a second has passed since the last time; `now` [s]."""
         if now >= self._next and (found := resident_memory(self._pid)) is not None:
-            self._next, self.now = now + _EVERY, found
+            self._next, self.now = now + _MEMORY_CHECK_INTERVAL_S, found
             if self.start is None:
                 self.start = found
 

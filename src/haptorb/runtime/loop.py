@@ -87,7 +87,7 @@ def count_tick(counts: Records, ticks: int, missed: int, lateness: int, took: in
 _LATE = int(LATE * 1e9)
 _STANDSTILL = 100_000_000  #: without a tick, after which the host gets its full time again [ns]
 _TRIPPED = float(GuardState.TRIPPED)
-_LOOK = 0.05  #: between two looks for the parent [s]
+_PARENT_CHECK_INTERVAL_S = 0.05  #: between two looks for the parent [s]
 _ERROR = 4000  #: characters of what a failed world or driver said
 _MEAN = 64  #: ticks over which their time is averaged
 _LONG = 4  #: periods that one tick counts at most in that average: the computer may pause in the middle of it
@@ -120,7 +120,7 @@ class Loop:
         self._parent = parent
         patient = chain.driver.simulated  # safety: host-starved-real
         self._host = HostHeartbeat(state_of(parent), ProcessorWait(parent).look if patient else None)
-        self._put_off, self._every = put_off, max(1, int(rate * _LOOK))
+        self._put_off, self._every = put_off, max(1, int(rate * _PARENT_CHECK_INTERVAL_S))
         self._rate = rate
         self._row = shared.layout.empty()
         # Single numbers come out of a memoryview ten times faster than out of an array.

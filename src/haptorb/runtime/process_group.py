@@ -181,7 +181,7 @@ class CompilerProcess:
         self._watch = HangWatch(self.process.pid)
 
 
-_EVERY = 0.02  #: between two heartbeats [s]
+_HEARTBEAT_INTERVAL_S = 0.02  #: between two heartbeats [s]
 _STUCK = 1.0  #: without a tick the servo is notified that it is stuck [s]
 _PROCESS_GROUP_HUNG = 1.5  #: and so long without one it is killed [s]
 _ROOM = 3.0  #: a limit of the start grows by at most so many times itself while the servo waits for a processor
@@ -191,7 +191,7 @@ _FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once
 _NOTHING = 4.0  #: without processor time, after which a process that starts hangs [s]
 _FINISH = 1.5  #: to end on request before a signal is sent [s]
 _DRAIN = 20.0  #: for the recorder to write what it has [s]
-_SOON = 2.0  #: of that, before a person is told why it takes long [s]
+_EXPLAIN_AFTER_S = 2.0  #: of that, before a person is told why it takes long [s]
 _DRAINING = "the recorder still writes, for {:g} s at most; Ctrl-C ends it at once, and the recording is truncated\n"
 _HUNG_START = "the {} did nothing for {:g} s while it started and was ended; check for a disk that does not respond"
 _HANG = (
@@ -399,7 +399,7 @@ class ProcessGroup:
         end_process(self._tracker, _FINISH)
         if self._shared.words[Word.RECORDER] == Phase.STARTING:
             end_process(self._recorder, 0.0)  # there are no rows to be kept
-        if self._recorder and not wait_for_end(self._recorder, _SOON):
+        if self._recorder and not wait_for_end(self._recorder, _EXPLAIN_AFTER_S):
             show(_DRAINING.format(_DRAIN))
             interrupted.clear()
             end_process(self._recorder, _DRAIN, interrupted)
@@ -410,8 +410,8 @@ class ProcessGroup:
     def _beat(self) -> None:
         raise_priority()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
         words = self._shared.words
-        ticking, recording = StallTime(2 * _EVERY), StallTime(2 * _EVERY)
-        while not self._ending.wait(_EVERY):
+        ticking, recording = StallTime(2 * _HEARTBEAT_INTERVAL_S), StallTime(2 * _HEARTBEAT_INTERVAL_S)
+        while not self._ending.wait(_HEARTBEAT_INTERVAL_S):
             words[Word.HEARTBEAT] = monotonic_ns()
             self._signals.look()
             self._black_box.look()
@@ -429,7 +429,7 @@ class ProcessGroup:
         self.memory.look(now)
         still = ticking.look(now, self._shared.words[Word.TICKS])
         waited = self._starved.look()
-        if still <= 2 * _EVERY:
+        if still <= 2 * _HEARTBEAT_INTERVAL_S:
             self._waited_before = waited
         still -= min(waited - self._waited_before, _PROCESS_GROUP_HUNG)  # a servo that waits does not hang
         if still > _PROCESS_GROUP_HUNG:

@@ -25,7 +25,7 @@ from haptorb.runtime.shared_memory import REGULAR, Phase, SharedMemory, Word, sp
 
 __all__ = ["main"]
 
-_EVERY = 20  #: [ms]
+_POLL_INTERVAL_MS = 20  #: [ms]
 _STALLED = 30.0  #: without a look for rows, after which the kernel ends the process [s]
 
 
@@ -68,7 +68,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
         while True:
             words[Word.RECORDER_LOOKS] += 1
             timer.set(_STALLED)
-            last = servo.wait(_EVERY) or words[Word.PHASE] >= Phase.ENDED
+            last = servo.wait(_POLL_INTERVAL_MS) or words[Word.PHASE] >= Phase.ENDED
             for number, text in shared.worlds_since(worlds):
                 recorder.note("world", {"change": str(number), "tick": str(words[Word.TICKS]), "world": text})
                 worlds = number + 1

@@ -146,7 +146,7 @@ _ESTABLISHED, _HALF_CLOSED, _LISTENING = 1, 8, 10  #: states in which a process 
 _HEAD = struct.Struct("=IHHII")  #: nlmsghdr: length, type, flags, sequence, port
 _ASKED = struct.Struct("=BBBBI 2s2s16s16sI8s")  #: inet_diag_req_v2: family, protocol, states, then the socket's ends
 _FOUND = struct.Struct("=BBBB 2s2s16s16sI8s IIIII")  #: inet_diag_msg: family, state, the ends, expires to inode
-_PATIENCE = 0.2  #: for the kernel [s]
+_KERNEL_TIMEOUT_S = 0.2  #: for the kernel [s]
 
 Address = tuple[str, int]
 
@@ -210,7 +210,7 @@ def _find(peer: Address, own: Address) -> int:
     family = socket.AF_INET if len(source) == 4 else socket.AF_INET6
     asked = _ASKED.pack(family, socket.IPPROTO_TCP, 0, 0, 0xFFFFFFFF, *ends, source, target, 0, b"\xff" * 8)
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_CLOEXEC, _SOCK_DIAG) as kernel:
-        kernel.settimeout(_PATIENCE)
+        kernel.settimeout(_KERNEL_TIMEOUT_S)
         kernel.send(_HEAD.pack(_HEAD.size + len(asked), _BY_FAMILY, _REQUEST, 1, 0) + asked)
         answer = kernel.recv(4096)
     if _HEAD.unpack_from(answer)[1] != _BY_FAMILY:

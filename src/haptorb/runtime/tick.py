@@ -352,12 +352,12 @@ class WorkThread:
 
 _SHARE = 0.4  #: of a tick that a world may take, on average; the rest of the tick needs about 0.2 ms
 _EASY = 0.15  #: of a tick: below, there is time for more
-_MEAN = 8.0  #: steps in the average
-_MOST_OF_ONE = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
-_CALM = 1.0  #: with such an average, before one level of detail returns [s]
-_MOST = 64.0  #: by so much that time grows with every return that did not last
-_LONG = 1.9  #: steps longer than a tick, with reduced detail and of late, until it is reduced further: two
-_FADE = 0.998  #: by so much of each tick an earlier one counts less
+_AVERAGED_STEPS = 8.0  #: steps in the average
+_MAX_COUNTED_TICKS = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
+_RESTORE_DELAY_S = 1.0  #: with such an average, before one level of detail returns [s]
+_MAX_WAIT_FACTOR = 64.0  #: by so much that time grows with every return that did not last
+_MAX_LONG_STEPS = 1.9  #: steps longer than a tick, with reduced detail and of late, until it is reduced further: two
+_DECAY_PER_TICK = 0.998  #: by so much of each tick an earlier one counts less
 _NOTHING = TickFailure(0)
 
 
@@ -383,8 +383,8 @@ class WorldBudget:
     """
 
     def __init__(self, dt: float) -> None:
-        self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MOST_OF_ONE * dt
-        self._wait = round(_CALM / dt)
+        self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MAX_COUNTED_TICKS * dt
+        self._wait = round(_RESTORE_DELAY_S / dt)
         self._mean, self._calm, self._patience = 0.0, 0, 1.0
         self._start = self._background = 0.0  # processor time of the last background work, while there is any
         self._whole, self._long, self._lighter = dt, 0.0, 0
@@ -423,16 +423,16 @@ class WorldBudget:
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
         """Change the detail of `bound` after a step that took so much processor time [s], if it must."""
-        self._mean += (min(took, self._most) - self._mean) / _MEAN
-        self._long = _FADE * self._long + (self._lighter > 0 and took > self._whole and not self._background)
-        if self._mean > self._budget or self._long >= _LONG:
+        self._mean += (min(took, self._most) - self._mean) / _AVERAGED_STEPS
+        self._long = _DECAY_PER_TICK * self._long + (self._lighter > 0 and took > self._whole and not self._background)
+        if self._mean > self._budget or self._long >= _MAX_LONG_STEPS:
             self._mean, self._calm, self._long = 0.0, 0, 0.0
             before = bound.numbers.copy()
             bound.world.lighten(bound.memory)  # safety: overrun-sheds-detail
             if (bound.numbers == before).all():
                 return _NOTHING
             self._lighter += 1
-            self._patience = min(2.0 * self._patience, _MOST)
+            self._patience = min(2.0 * self._patience, _MAX_WAIT_FACTOR)
             return TickFailure.LESS_DETAIL
         if self._mean > self._easy:
             self._calm = 0

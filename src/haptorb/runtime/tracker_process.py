@@ -26,7 +26,7 @@ __all__ = ["main"]
 
 load_compiler()  # now: no pose waits for the compiler to be loaded
 
-_PATIENCE = 0.05  #: longest wait for a pose before looking whether to end [s]
+_POLL_TIMEOUT_S = 0.05  #: longest wait for a pose before looking whether to end [s]
 _TELL = 0.25  #: between two reports [s]
 _FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: it is flooded
 
@@ -71,7 +71,7 @@ def main(spec: Mapping[str, Any]) -> int:
     try:
         while True:
             look()
-            pose_filter.listen(_PATIENCE)
+            pose_filter.listen(_POLL_TIMEOUT_S)
             if (passed := monotonic() - report_time) > _TELL:
                 if process_time() - cpu_time > _FLOOD * passed:
                     lower_priority()

@@ -42,9 +42,9 @@ from haptorb.worlds.user_world import (
 __all__ = ["LoadedWorld", "WorldLoader", "WorldWatcher", "keep_changes"]
 
 
-_SWITCH = 2e-4  #: after which a thread that computes gives way [s]
-_LOOK = 0.05  #: between two looks for compiled code [s]
-_COMPILED = 120.0  #: longest wait for it [s]
+_SWITCH_INTERVAL_S = 2e-4  #: after which a thread that computes gives way [s]
+_CODE_CHECK_INTERVAL_S = 0.05  #: between two looks for compiled code [s]
+_COMPILE_TIMEOUT_S = 120.0  #: longest wait for it [s]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class WorldLoader:
         self._device, self._chain, self._row = device, chain, RowLayout.of(device).empty()
         self._folder, self._uncompiled, self._steps = folder, set(uncompiled), 0
         self._wanted: SimpleQueue[tuple[int, str, bool, Callable[[], World]]] = SimpleQueue()
-        sys.setswitchinterval(_SWITCH)
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
         Thread(target=self._serve, name="haptorb-worlds", daemon=True).start()
 
     def is_code_missing(self, name: str) -> bool:
@@ -113,9 +113,9 @@ class WorldLoader:
         """Return when the code of `world` is loaded. Raises InputError if it is not compiled in time."""
         if not self._find_uncompiled(world):
             return
-        note, patience = code_note(self._folder, name), monotonic() + _COMPILED
+        note, patience = code_note(self._folder, name), monotonic() + _COMPILE_TIMEOUT_S
         while not note.exists() and monotonic() < patience:
-            sleep(_LOOK)
+            sleep(_CODE_CHECK_INTERVAL_S)
         if missing := self._find_uncompiled(world):
             raise InputError(
                 f"world '{name}' cannot be rendered yet: kernel '{missing[0]}' is not compiled; end the servo and "
@@ -131,7 +131,7 @@ class WorldLoader:
 # A world in a user's file, reloaded whenever the file is saved; after an error the old world keeps running.
 
 
-_EVERY = 0.2  #: between two looks at the file [s]
+_FILE_CHECK_INTERVAL_S = 0.2  #: between two looks at the file [s]
 _SLOW = 2.0  #: a file that takes longer to load and to be called once is reported [s]
 _SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
 
@@ -181,7 +181,7 @@ class WorldWatcher:
         self._ending.set()
 
     def _watch(self) -> None:
-        while not self._ending.wait(_EVERY):
+        while not self._ending.wait(_FILE_CHECK_INTERVAL_S):
             stamp = self._file.stamp
             if stamp is None or stamp == self._stamp:
                 continue

@@ -35,8 +35,8 @@ class WorldOutput(TextIOBase):
 # Output of the servo's process, copied to this program's messages, including `print` in a world.
 
 
-_MOST = 65536  #: bytes read at once
-_PATIENCE = 0.5  #: for what is still in the pipe when the process has ended [s]
+_READ_BYTES = 65536  #: bytes read at once
+_DRAIN_TIMEOUT_S = 0.5  #: for what is still in the pipe when the process has ended [s]
 
 
 @final
@@ -53,13 +53,13 @@ class OutputReader:
         """The process has ended: show the remaining output."""
         if self._pipe is None:
             return
-        self._thread.join(_PATIENCE)  # a process that a world has started may hold the pipe open
+        self._thread.join(_DRAIN_TIMEOUT_S)  # a process that a world has started may hold the pipe open
         if not self._thread.is_alive():
             self._pipe.close()
 
     def _copy(self) -> None:
         assert self._pipe is not None
-        while content := os.read(self._pipe.fileno(), _MOST):
+        while content := os.read(self._pipe.fileno(), _READ_BYTES):
             show(content.decode(errors="replace"))
 
 

@@ -79,7 +79,7 @@ __all__ = [
 SILENCE = 2.0  #: a client that holds the device and commands nothing for so long has let it go [s]
 LATE = 1.0  #: what a client asked longer ago, while its server did not read, is not done any more [s]
 _SESSIONS = 10_000  #: numbers of sessions that one server has for itself
-_LARGEST = 1e6  #: of a commanded force [N]; the world and the guard have their own limits, far below
+_MAX_COMMANDED_FORCE_N = 1e6  #: of a commanded force [N]; the world and the guard have their own limits, far below
 
 
 @final
@@ -189,7 +189,9 @@ class ServedDevice:
         if self.holder not in (0, session):  # safety: watcher-commands-nothing
             self.busy += 1
             return False
-        if not all(-_LARGEST <= number <= _LARGEST for number in force):  # safety: served-force-finite
+        if not all(
+            -_MAX_COMMANDED_FORCE_N <= number <= _MAX_COMMANDED_FORCE_N for number in force
+        ):  # safety: served-force-finite
             return False
         now = monotonic()
         since = now if arrival is None else min(arrival, now)
@@ -359,7 +361,7 @@ _START = 30.0  #: longest wait for a server's process [s]
 _HUNG = 4.0  #: without processor time, after which a server that starts hangs [s]
 _FINISH = 1.5  #: for all of them to end on request before they are killed [s]
 _ABOVE = 0.002  #: the dome, where a tool that is not held otherwise is held [m]
-_LOOK = 0.02  #: between two looks for what servers request [s]
+_REQUEST_CHECK_INTERVAL_S = 0.02  #: between two looks for what servers request [s]
 
 
 @final
@@ -466,7 +468,7 @@ class Serving:
 
     def _watch(self, shared: SharedMemory) -> None:
         """Do what servers request, and tell people of one that ended."""
-        while not self._ending.wait(_LOOK):
+        while not self._ending.wait(_REQUEST_CHECK_INTERVAL_S):
             for one in self._servers:
                 self._take_request(one, shared.server_requests[one.number])
                 over = one.process is not None and one.process.poll() is not None

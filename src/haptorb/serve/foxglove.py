@@ -632,10 +632,10 @@ FORM = "foxglove[:PORT]"
 PORT = 8766  #: unless another is given; 8765, which Foxglove proposes, is the console's
 
 _PROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
-_EVERY = 0.005  #: between two looks for rows [s]
+_POLL_INTERVAL_S = 0.005  #: between two looks for rows [s]
 _REPORT = 0.25  #: between two reports [s]
-_MOST = 16  #: viewers
-_LONGEST = 65536  #: of a viewer's message [bytes]
+_MAX_VIEWERS = 16  #: viewers
+_MAX_MESSAGE_BYTES = 65536  #: of a viewer's message [bytes]
 _UNSENT = 65536  #: bytes that wait in a connection; behind them, messages wait in the viewer's own queue
 
 #: Foxglove in the browser and on the desktop, and pages of this computer, such as a viewer of one's own
@@ -680,13 +680,14 @@ class _FoxgloveServer:
     async def run(self, opened: socket.socket) -> None:
         async with serve_websocket(
             self._attend, sock=opened, subprotocols=_PROTOCOLS, process_request=self._check, compression=None,
-            max_size=_LONGEST, max_queue=4, write_limit=_UNSENT, server_header=None, logger=_make_silent_logger(),
+            max_size=_MAX_MESSAGE_BYTES, max_queue=4, write_limit=_UNSENT, server_header=None,
+            logger=_make_silent_logger(),
         ) as server:  # fmt: skip
             while not self._served.over:
                 self._view.show(self._served.read_rows())
                 if monotonic() - self._last >= _REPORT:
                     self._report()
-                await asyncio.sleep(_EVERY)
+                await asyncio.sleep(_POLL_INTERVAL_S)
             self._report()
             _abort(server)
 
@@ -707,9 +708,11 @@ class _FoxgloveServer:
         if refusal := self._access.refuse(LOOPBACK, names, request.path, own=own):
             self._refused += 1
             return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
-        if len(self._view.viewers) >= _MOST:
+        if len(self._view.viewers) >= _MAX_VIEWERS:
             self._refused += 1
-            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST} viewers are already connected\n")
+            return connection.respond(
+                http.HTTPStatus.SERVICE_UNAVAILABLE, f"{_MAX_VIEWERS} viewers are already connected\n"
+            )
         return None
 
     async def _attend(self, connection: ServerConnection) -> None:

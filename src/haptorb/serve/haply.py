@@ -191,11 +191,11 @@ _PARTS = 256  #: of one message: a client that never ends it must not fill the m
 _HEAD = 16384  #: of a request [bytes]
 _IN_A_ROW = 2  #: messages of one client that are answered before others have their turn
 _UNREAD = 65536  #: bytes of answers that may wait for a client that does not read
-_PATIENCE = 10.0  #: for a request, or for a client to read [s]
+_CLIENT_TIMEOUT_S = 10.0  #: for a request, or for a client to read [s]
 _REST = 0.005  #: after a message that cannot be read [s]
 _REFUSAL = 0.05  #: before a refusal: a client that retries at once does so twenty times a second [s]
 _WASTE = 262144  #: bytes that are thrown away at once
-_FAREWELL = 1.0  #: for a client whose message was too long to read why [s]
+_CLOSE_TIMEOUT_S = 1.0  #: for a client whose message was too long to read why [s]
 
 
 class Endpoint(ABC):
@@ -307,7 +307,7 @@ class Connection(asyncio.BufferedProtocol):
         self._flush()
         if websocket.parser_exc is not None:
             self._failed, self._buffer = True, bytearray(_WASTE)
-            self._wait(_FAREWELL)
+            self._wait(_CLOSE_TIMEOUT_S)
             return
         self._work()
 
@@ -438,7 +438,7 @@ class Connection(asyncio.BufferedProtocol):
             self._open = False
             self.endpoint.close(self)
 
-    def _wait(self, patience: float = _PATIENCE) -> None:
+    def _wait(self, patience: float = _CLIENT_TIMEOUT_S) -> None:
         self._stop_waiting()
         self._timer = asyncio.get_running_loop().call_later(patience, self._transport.abort)
 
@@ -454,7 +454,7 @@ class Connection(asyncio.BufferedProtocol):
 
 TOOL, GRIP = "inverse3", "wireless_verse_grip"
 _FAMILIES = {TOOL: TOOL, "*inverse": TOOL, GRIP: GRIP, "*verse_grip": GRIP}
-_LONGEST = 100  #: of a selector [characters]
+_MAX_SELECTOR_CHARACTERS = 100  #: of a selector [characters]
 _NUMBER = re.compile(r"#?(\d{1,9})")
 _INDEX = re.compile(r"(.*?):(-?\d{1,4})")
 _NAMELESS = "default"  #: profile of a session that has not said its name
@@ -472,9 +472,8 @@ def find_kind(identity: DeviceIds, kind: str, which: str, *, one: bool) -> str:
     found = _FAMILIES.get(kind, "")
     ids = {TOOL: identity.device, GRIP: identity.grip}
     if not found or which.upper() not in ("0", "-1", "*", ids[found]):
-        raise InputError(
-            f"no device {kind[:_LONGEST]}/{which[:_LONGEST]}; there is {TOOL}/{ids[TOOL]} and {GRIP}/{ids[GRIP]}"
-        )
+        asked = f"{kind[:_MAX_SELECTOR_CHARACTERS]}/{which[:_MAX_SELECTOR_CHARACTERS]}"
+        raise InputError(f"no device {asked}; there is {TOOL}/{ids[TOOL]} and {GRIP}/{ids[GRIP]}")
     if one and which == "*":
         raise AmbiguousDevice(f"* may mean several devices; name one: {kind}/0 or {kind}/{ids[found]}")
     return found
@@ -491,14 +490,16 @@ def find_session(sessions: Sequence[Session], text: str) -> Session:
         return _choose(found, 0, text, sessions)
     parts = _INDEX.fullmatch(text)
     pattern, place = (parts[1], int(parts[2])) if parts else (text, 0)
-    pattern = pattern.removeprefix(":")[:_LONGEST].replace("[", "[[]")  # a bracket is a letter there
+    pattern = pattern.removeprefix(":")[:_MAX_SELECTOR_CHARACTERS].replace("[", "[[]")  # a bracket is a letter there
     found = [one for one in sessions if not pattern or fnmatchcase(one.name or _NAMELESS, pattern)]
     return _choose(found, place, text, sessions)
 
 
 def _choose(found: Sequence[Session], place: int, text: str, sessions: Sequence[Session]) -> Session:
     if not -len(found) <= place < len(found):
-        raise InputError(f"no session {text[:_LONGEST]}; there are {len(sessions)}: /sessions lists them")
+        raise InputError(
+            f"no session {text[:_MAX_SELECTOR_CHARACTERS]}; there are {len(sessions)}: /sessions lists them"
+        )
     return found[place]
 
 
@@ -705,7 +706,7 @@ class DeviceWatcher:
 PORT, EVENTS = 10001, 10020  #: where that service is found
 _FORM = KINDS["haply"].form
 _CLIENTS = 128  #: connections at once, on each port
-_LOOK = 0.02  #: between two looks for what happened [s]
+_EVENT_CHECK_INTERVAL_S = 0.02  #: between two looks for what happened [s]
 _REPORT = 0.5  #: between two reports of who is connected [s]
 _BEHIND = 32768  #: bytes that wait for a listener, behind which events are dropped
 
@@ -797,16 +798,16 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
             report = loop.time() + _REPORT
             _report(service, spec["address"])
             priority.look()
-        await asyncio.sleep(_LOOK / 4)
+        await asyncio.sleep(_EVENT_CHECK_INTERVAL_S / 4)
         clients.alive = listeners.alive = loop.time()
-        await asyncio.sleep(_LOOK / 4)
+        await asyncio.sleep(_EVENT_CHECK_INTERVAL_S / 4)
     listeners.tell(*watcher.end())
     for server in servers:
         server.close()
     for endpoint in endpoints:
         for connection in list(endpoint.connections):
             connection.end(1001, "the servo has ended")
-    await asyncio.sleep(_LOOK)
+    await asyncio.sleep(_EVENT_CHECK_INTERVAL_S)
 
 
 def _report(service: Service, address: str) -> None:

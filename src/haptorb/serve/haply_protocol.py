@@ -53,7 +53,7 @@ __all__ = [
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  #: x, y, z, w
 
-_FARTHEST = 1e3  #: a mount lies within [m], and its scale below
+_MAX_MOUNT_M = 1e3  #: a mount lies within [m], and its scale below
 
 
 def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
@@ -210,8 +210,8 @@ def _numbers(found: object, names: str, before: Sequence[float], what: str) -> l
         raise InputError(f"{what} is an object with {', '.join(names)}")
     numbers = [found.get(name, old) for name, old in zip(names, before, strict=True)]
     for one in numbers:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not -_FARTHEST <= one <= _FARTHEST:
-            raise InputError(f"{what} has finite numbers, at most {_FARTHEST:g} in size")
+        if isinstance(one, bool) or not isinstance(one, int | float) or not -_MAX_MOUNT_M <= one <= _MAX_MOUNT_M:
+            raise InputError(f"{what} has finite numbers, at most {_MAX_MOUNT_M:g} in size")
     found = [float(one) for one in numbers]
     assert all(map(isfinite, found))
     return found
@@ -406,7 +406,7 @@ def default_space(device: Device) -> Space:
 # What a client's message commands of the device, in all spellings that clients use; what is misspelt is nothing.
 
 
-_MOST = 16  #: entries of one message that are read
+_MAX_ENTRIES = 16  #: entries of one message that are read
 _STIFFNESS = 40.0  #: of the spring that draws the tool to a commanded place [N/m]
 _PULL = 1.0  #: and its greatest force [N]
 
@@ -425,7 +425,7 @@ def read_list(found: object) -> list[Mapping[str, Any]]:
     """The entries of a message's array that are objects; a single object is an array of one."""
     if isinstance(found, Mapping):
         found = [found]
-    return [one for one in found[:_MOST] if isinstance(one, Mapping)] if isinstance(found, list) else []
+    return [one for one in found[:_MAX_ENTRIES] if isinstance(one, Mapping)] if isinstance(found, list) else []
 
 
 def read_device_force(entry: Mapping[str, Any], space: Space, cursor: Cursor) -> DeviceCommand:
@@ -604,7 +604,7 @@ def _read_damping(found: object) -> dict[str, Any]:
 
 _NAME = 60  #: of a client's profile [characters]
 _SMOOTH = 0.5  #: weight of the newest rate
-_TURNED = 0.087  #: change of a unit force that is no small turn: 5°
+_SMALL_TURN = 0.087  #: change of a unit force that is no small turn: 5°
 
 
 @final
@@ -636,7 +636,7 @@ class Session:
         mapping, because its force turns no faster than the guard permits."""
         self.space = space
         axes = _force_axes(space)
-        if max(abs(a - b) for a, b in zip(axes, self._axes, strict=True)) > _TURNED:
+        if max(abs(a - b) for a, b in zip(axes, self._axes, strict=True)) > _SMALL_TURN:
             self._axes = axes
             self.mapping += 1
 

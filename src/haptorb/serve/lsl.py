@@ -193,7 +193,7 @@ class RowOutlet:
         self._outlet = None
 
 
-_EVERY = 0.005  #: between two looks for rows [s]
+_POLL_INTERVAL_S = 0.005  #: between two looks for rows [s]
 _REPORT = 0.25  #: between two reports [s]
 
 
@@ -219,7 +219,7 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
             if monotonic() - last >= _REPORT:
                 last = monotonic()
                 _report(served, outlet)
-            sleep(_EVERY)
+            sleep(_POLL_INTERVAL_S)
         outlet.send(served.read_rows())
         _report(served, outlet)
     finally:

@@ -79,7 +79,7 @@ __all__ = [
 # OSC messages that go back to the program that sent one.
 
 
-_OSC_ANSWERS_LONGEST = 400  #: characters of a text
+_MAX_TEXT_CHARACTERS = 400  #: characters of a text
 
 
 def make_message(address: str, *values: str | float | int) -> bytes:
@@ -90,7 +90,7 @@ def make_message(address: str, *values: str | float | int) -> bytes:
     """
     builder = OscMessageBuilder(address)
     for value in values:
-        builder.add_arg(value[:_OSC_ANSWERS_LONGEST] if isinstance(value, str) else value)
+        builder.add_arg(value[:_MAX_TEXT_CHARACTERS] if isinstance(value, str) else value)
     return bytes(builder.build().dgram)
 
 
@@ -118,7 +118,7 @@ _AT_ONCE = 512  #: datagrams taken from the shared socket in one look
 _OWN_AT_ONCE = 64  #: and from a program's own
 _SENDERS = 64  #: that are read in one look
 _OWN = 32  #: programs with a socket of their own
-_OSC_INBOX_LONGEST = 1024  #: no message that is understood is longer [bytes]
+_MAX_MESSAGE_BYTES = 1024  #: no message that is understood is longer [bytes]
 _BUFFER = 1 << 18  #: what the system keeps of them until the next look [bytes]
 _OVERFLOW = 40  #: SO_RXQ_OVFL of Linux: each datagram comes with the count of those that the system dropped
 _COUNT = struct.Struct("@I")
@@ -195,14 +195,14 @@ class OscInbox:
     def _take_from(self, source: socket.socket, most: int, found: dict[Sender, deque[Letter]]) -> bool:
         for _ in range(most):
             try:
-                data, notes, _, sender = source.recvmsg(_OSC_INBOX_LONGEST + 1, _NOTES)
+                data, notes, _, sender = source.recvmsg(_MAX_MESSAGE_BYTES + 1, _NOTES)
             except BlockingIOError:
                 return False
             except OSError:  # "port unreachable" in reply to a bundle
                 continue
             self.received += 1
             self._note_lost(source, notes)
-            if len(data) > _OSC_INBOX_LONGEST:
+            if len(data) > _MAX_MESSAGE_BYTES:
                 self.refused += 1
                 continue
             name: Sender = (sender[0], sender[1])
@@ -597,8 +597,8 @@ class Subscribers:
 # A fader sends a hundred values a second. The newest of each parameter is asked for, at most twenty times a second.
 
 
-_EVERY = 0.05  #: between two requests [s]
-_PATIENCE = 2.0  #: a request that was not met until then is forgotten [s]
+_REQUEST_INTERVAL_S = 0.05  #: between two requests [s]
+_REQUEST_TIMEOUT_S = 2.0  #: a request that was not met until then is forgotten [s]
 
 Value: TypeAlias = float | tuple[float, ...]
 
@@ -641,14 +641,14 @@ class WorldRequests:
                 raise InputError(f"parameter {name} has another number of values; got {quote(value)}")
         self._name = world
         self._values[name] = value
-        self._until = now + _PATIENCE
+        self._until = now + _REQUEST_TIMEOUT_S
 
     def change(self, name: str, now: float) -> None:
         """Wish for the world `name` with its default values. Raises UnknownName or InputError if there is none, or
         none for this device."""
         if name != self._served.world.get("name"):
             find_world(name)().for_device(self._served.device)
-        self._name, self._values, self._until = name, {}, now + _PATIENCE
+        self._name, self._values, self._until = name, {}, now + _REQUEST_TIMEOUT_S
 
     def tell(self, now: float) -> None:
         """Pass on what is requested and not there yet, if it is time."""
@@ -660,7 +660,7 @@ class WorldRequests:
         request = (self._name, dict(self._values))
         if request != self._sent:
             self._served.request_world(*request)
-            self._sent, self._next = request, now + _EVERY
+            self._sent, self._next = request, now + _REQUEST_INTERVAL_S
 
     def _is_true(self) -> bool:
         world = self._served.world

@@ -50,7 +50,7 @@ __all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array", "draw_coils"]
 
 
 _APART = 4  #: the map is computed again not before so many steps …
-_MANY = 32  #: … nor, in one call, more than once and once more for so many
+_COILS_PER_EXTRA_STEP = 32  #: … nor, in one call, more than once and once more for so many
 
 #: All that a simulated coil array remembers but its coils and its map.
 COIL_ARRAY = fields(
@@ -98,7 +98,7 @@ def advance_array(
     for k in range(count):
         coils[k].duty = duties[k]
     truth[:] = 0.0
-    left = 1 + e.steps // _MANY
+    left = 1 + e.steps // _COILS_PER_EXTRA_STEP
     for _ in range(e.steps):
         matrix(tool.q[:], R)
         e.age += 1

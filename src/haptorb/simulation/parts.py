@@ -275,7 +275,7 @@ _MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] 
 _TURNED = 1e-3  #: … or an entry of its rotation has changed so much
 _ARM = 0.02  #: at which a turn counts as a way [m]
 _SHORT = 4e-3  #: a longer way between two maps says nothing of how they change [m]
-_LEAST, _MOST = -1.0, 4.0  #: shares of that way by which the newest map may be continued
+_MIN_CONTINUATION, _MAX_CONTINUATION = -1.0, 4.0  #: shares of that way by which the newest map may be continued
 
 
 @kernel
@@ -303,7 +303,7 @@ def find_share(pose: Array, change: Array, R: Array, p: Array) -> float:
             square += _ARM * _ARM * change[i, j] * change[i, j]
     if not (1e-18 < square < _SHORT * _SHORT):
         return 0.0
-    return float(min(max(along / square, _LEAST), _MOST))
+    return float(min(max(along / square, _MIN_CONTINUATION), _MAX_CONTINUATION))
 
 
 # --------------------------------------------------------------------------------------------------

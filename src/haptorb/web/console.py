@@ -108,7 +108,9 @@ def application(
 
 
 PORT = 8765  #: default
-_LOOK = 0.01  #: between two looks whether to end: a duration that is over leaves the coils on for so long [s]
+_END_CHECK_INTERVAL_S = (
+    0.01  #: between two looks whether to end: a duration that is over leaves the coils on for so long [s]
+)
 
 
 @final
@@ -196,7 +198,7 @@ class Console:
                 self._servo.end_loop()
                 self._server.should_exit = True
                 break
-            await asyncio.sleep(_LOOK)
+            await asyncio.sleep(_END_CHECK_INTERVAL_S)
         await serving
 
     def close(self) -> None:

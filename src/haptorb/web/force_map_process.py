@@ -23,7 +23,7 @@ from haptorb.worlds.base import Sum, World
 
 __all__ = ["ForceMapProcess"]
 
-_PATIENCE = 1.0  #: for the process to end by itself [s]
+_END_TIMEOUT_S = 1.0  #: for the process to end by itself [s]
 
 
 @final
@@ -90,7 +90,7 @@ class ForceMapProcess:
         with suppress(OSError):
             process.stdin.close()  # that is what it waits for
         try:
-            process.wait(_PATIENCE)
+            process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

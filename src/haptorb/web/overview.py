@@ -28,7 +28,7 @@ __all__ = ["BINS", "CHANNELS", "Overview", "OverviewBins"]
 
 BINS = 1200  #: intervals: about one for each pixel of a wide screen
 _TRIPPED = 4  #: state of the guard
-_MOST = 400  #: events of a kind that are kept
+_MAX_EVENTS = 400  #: events of a kind that are kept
 
 #: name, unit, field, numbers of it; of three numbers the length counts, else each one
 CHANNELS = (
@@ -101,26 +101,26 @@ class OverviewBins:
         }
         if "guard" in numbers:
             off = (numbers["guard"] == _TRIPPED) & (before["guard"] != _TRIPPED)
-            for row in np.flatnonzero(off)[:_MOST]:
+            for row in np.flatnonzero(off)[:_MAX_EVENTS]:
                 self._note("trip", t[row], numbers["trip"][row] if "trip" in numbers else 0.0)
         if "world" in numbers:
             changed = np.isfinite(before["world"]) & (numbers["world"] != before["world"])
-            for row in np.flatnonzero(changed)[:_MOST]:
+            for row in np.flatnonzero(changed)[:_MAX_EVENTS]:
                 self._note("world", t[row], numbers["world"][row])
         if "tick" in numbers:
             with np.errstate(invalid="ignore", over="ignore"):
                 steps = numbers["tick"] - before["tick"]
-            for row in np.flatnonzero(steps > 1.5)[:_MOST]:
+            for row in np.flatnonzero(steps > 1.5)[:_MAX_EVENTS]:
                 self._note("gap", t[row], steps[row] - 1.0)
         self._last = {name: float(column[-1]) for name, column in numbers.items()} if len(t) else self._last
 
     def _note(self, kind: str, t: float, code: float) -> None:
-        if self._counts[kind] < _MOST and np.isfinite(t) and np.isfinite(code):
+        if self._counts[kind] < _MAX_EVENTS and np.isfinite(t) and np.isfinite(code):
             self._counts[kind] += 1
             self.events.append((kind, float(t), float(code)))
 
 
-_PATIENCE = 1.0  #: for the process to end [s]
+_END_TIMEOUT_S = 1.0  #: for the process to end [s]
 _OFTEN = 0.1  #: between two wishes that it rest [s]
 
 
@@ -191,7 +191,7 @@ class Overview:
             process.stdin.close()
         process.terminate()
         try:
-            process.wait(_PATIENCE)
+            process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

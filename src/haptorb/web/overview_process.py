@@ -25,7 +25,7 @@ from haptorb.web.overview import BINS, OverviewBins
 
 _PIECE = 4000  #: rows that are read at once
 _SKETCH = 8  #: rows of an interval for the sketch
-_EVERY = 0.7  #: between two words [s]
+_REPORT_INTERVAL_S = 0.7  #: between two words [s]
 _REST = 0.4  #: after a byte [s]
 
 
@@ -53,7 +53,7 @@ def main() -> None:
             whole.add(first, min(first + _PIECE, rows))
             while (left := rest[0] - time.monotonic()) > 0:
                 time.sleep(left)
-            if time.monotonic() - last > _EVERY:
+            if time.monotonic() - last > _REPORT_INTERVAL_S:
                 last = time.monotonic()
                 # What is not done yet is as the sketch has it.
                 ranges = np.where(np.isnan(whole.ranges), sketch.ranges, whole.ranges)

@@ -424,7 +424,7 @@ def open_browser_at(url: str) -> None:
 # to be handled, nothing is nested deeper than a command is, every text can be written into a file.
 
 
-_LONGEST = 65536  #: of a message [characters]; the server's own limit is the same in bytes
+_MAX_MESSAGE_CHARACTERS = 65536  #: of a message [characters]; the server's own limit is the same in bytes
 _DIGITS = 18  #: of a whole number: what fits into 64 bits
 _DEPTH = 6  #: of lists and objects in each other; a world's values need three
 _NAME = 64  #: of a command [characters]
@@ -451,8 +451,8 @@ def command(text: str) -> dict[str, Any]:
     >>> command('{"do": "stop"}')
     {'do': 'stop'}
     """
-    if len(text) > _LONGEST:
-        raise InputError(f"a command must have at most {_LONGEST} characters; got {len(text)}")
+    if len(text) > _MAX_MESSAGE_CHARACTERS:
+        raise InputError(f"a command must have at most {_MAX_MESSAGE_CHARACTERS} characters; got {len(text)}")
     try:
         found = json.loads(text, parse_int=_parse_whole, parse_float=_parse_real, parse_constant=_constant)
     except (ValueError, RecursionError) as mistake:  # safety: web-message

@@ -273,7 +273,7 @@ def find_row(read: Callable[[int, int], Array], rows: int, value: float, ends: t
 # One recording, ready to be played: its device, columns, worlds, and where a time is.
 
 
-_NEAR = 2e-6  #: the page's times come as float32: a tick's own time must find it [s]
+_TIME_TOLERANCE_S = 2e-6  #: the page's times come as float32: a tick's own time must find it [s]
 _NEWEST = 64  #: characters of a version that are shown
 
 
@@ -341,7 +341,7 @@ class PlayedRecording:
 
     def find_row(self, seconds: float) -> int:
         """The row at `seconds` after the first tick: the last that is not later. Raises RecordingError for damage."""
-        return find_row(self._read_times, len(self), self.start + seconds + _NEAR, self._ends)
+        return find_row(self._read_times, len(self), self.start + seconds + _TIME_TOLERANCE_S, self._ends)
 
     def _read_times(self, first: int, last: int) -> Array:
         times: Array = self._t[first:last]
@@ -403,7 +403,7 @@ def _order(version: str) -> tuple[int, ...]:
 # The force maps of a recording's worlds, computed once each by the device that made it.
 
 
-_MOST = 32  #: maps
+_MAX_MAPS = 32  #: maps
 
 
 @final
@@ -432,7 +432,7 @@ class PaintedWorlds:
         if key not in self._frames:
             force, saturated = await asyncio.to_thread(self._force_map, name, values, model, self._points)
             self._frames[key] = encode_force_frame(force, saturated, change)
-            while len(self._frames) > _MOST:
+            while len(self._frames) > _MAX_MAPS:
                 self._frames.popitem(last=False)
         return self._frames[key]
 
@@ -637,7 +637,7 @@ def _refuse() -> Response:
 
 
 PORT = 8767  #: default; the console's and the study's are others
-_LOOK = 0.1  #: between two looks whether to end [s]
+_END_CHECK_INTERVAL_S = 0.1  #: between two looks whether to end [s]
 
 
 @final
@@ -721,7 +721,7 @@ class Viewer:
                     threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
             if clock() > end:
                 self._server.should_exit = True
-            await asyncio.sleep(_LOOK if answers else _LOOK / 10)
+            await asyncio.sleep(_END_CHECK_INTERVAL_S if answers else _END_CHECK_INTERVAL_S / 10)
         await serving
         for painted in self._painted:  # a map that is being computed would be waited for
             if painted is not None:

@@ -191,11 +191,11 @@ def check_names(world: type[Any], given: Mapping[str, Any]) -> None:
             raise UnknownName(f"parameter of {world.__name__}", name, known)
 
 
-_LONGEST = 160  #: characters of a `repr`
+_MAX_REPR_CHARACTERS = 160  #: characters of a `repr`
 
 
 def _cut(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    return text if len(text) <= _MAX_REPR_CHARACTERS else f"{text[: _MAX_REPR_CHARACTERS - 1]}…"
 
 
 def _format_value(value: float | tuple[float, ...]) -> str:
@@ -291,7 +291,7 @@ class World(Presentable, ABC):
         known, now = parameters(type(self)), values(self)
         name = type(self).__name__
         whole = f"{name}({', '.join(f'{key}={_format_value(value)}' for key, value in now.items())})"
-        if len(whole) <= _LONGEST:
+        if len(whole) <= _MAX_REPR_CHARACTERS:
             return whole
         other = [f"{key}={_format_value(value)}" for key, value in now.items() if value != known[key].default]
         return _cut(f"{name}({', '.join(other)})")

@@ -96,8 +96,8 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
 
 _SPACING = 0.25e-3  #: between two stored places [m], finer than a hand can tell
 _SHORTEST = 5e-3  #: a shorter path gives no guidance [m]
-_LONGEST = 2.0  #: [m]
-_GUIDANCE_PATH_MOST = 10_000  #: points that a person may give
+_MAX_LENGTH_M = 2.0  #: [m]
+_MAX_POINTS = 10_000  #: points that a person may give
 _SAME = 1e-6  #: two points nearer to each other are one [m]
 
 
@@ -181,10 +181,8 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     corners = vectors(points, "points of the path")
     if corners.ndim != 2 or len(corners) < 2:
         raise InputError(f"a path needs at least two points, shape (k, 3); got shape {corners.shape}")
-    if len(corners) > _GUIDANCE_PATH_MOST:
-        raise InputError(
-            f"a path may have at most {_GUIDANCE_PATH_MOST} points; got {len(corners)}: leave out every other one"
-        )
+    if len(corners) > _MAX_POINTS:
+        raise InputError(f"a path may have at most {_MAX_POINTS} points; got {len(corners)}: leave out every other one")
     ends_meet = bool(np.linalg.norm(corners[0] - corners[-1]) <= _SAME)
     closed = ends_meet if closed is None else closed
     if closed and not ends_meet:
@@ -201,13 +199,13 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
             f"point {int(distances.argmin()) + 1} of the path lies in the dome's centre: points are in metres"
         )
     total = float(steps.sum())
-    if not 0.5 * _SHORTEST <= total <= 2 * _LONGEST:
+    if not 0.5 * _SHORTEST <= total <= 2 * _MAX_LENGTH_M:
         raise InputError(
             f"a path must be 5 mm to 2 m long; this one is {total:.4g} m: points are in metres, or mm in a file"
         )
     fine = _interpolate(corners, np.concatenate(([0.0], np.cumsum(steps))), closed, smooth)
     gone = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))))
-    if not _SHORTEST <= gone[-1] <= _LONGEST:
+    if not _SHORTEST <= gone[-1] <= _MAX_LENGTH_M:
         raise InputError(f"a path must be 5 mm to 2 m long; this one is {gone[-1]:.4g} m")
     count = max(int(np.ceil(gone[-1] / _SPACING)), 20)
     places = _resample(fine, gone, np.linspace(0.0, gone[-1], count + 1))
@@ -346,7 +344,7 @@ def _place(tilt_deg: Array, turn: Array, radius: float) -> Array:
 
 _RADIUS = 0.35e-3  #: of the tube [m]
 _PATH_DRAWING_APART = 1.5e-3  #: of two rings, unless there are `_MOST` [m]
-_PATH_DRAWING_MOST = 320  #: rings: a path of 2 m is no load for the page
+_MAX_RINGS = 320  #: rings: a path of 2 m is no load for the page
 _SIDES = 4
 
 
@@ -359,7 +357,7 @@ def draw_path(path: GuidancePath, lower: float = 0.0) -> Shape:
     'mesh'
     """
     last = len(path.places) - 1
-    count = min(max(int(np.ceil(path.length / _PATH_DRAWING_APART)), 2), _PATH_DRAWING_MOST)
+    count = min(max(int(np.ceil(path.length / _PATH_DRAWING_APART)), 2), _MAX_RINGS)
     rings = np.round(np.linspace(0, last, count + 1)).astype(int)
     centres, along = path.places[rings], path.tangents[rings]
     outward = centres / np.linalg.norm(centres, axis=1, keepdims=True)

@@ -255,7 +255,7 @@ _REACH = 3e-3  #: of progress in a tick [m]: 3 m/s at 1 kHz
 _LOST = 15e-3  #: a hand farther from its place on the path has been set down elsewhere [m]
 _PACE = 0.15  #: time constant with which the pace is smoothed [s]
 _RISE = 0.25  #: time constant with which guidance follows the pace [s]
-_MOST = 30  #: Newton steps
+_MAX_NEWTON_STEPS = 30  #: Newton steps
 _PRECISION = 1e-5  #: of the plan [N]
 
 
@@ -347,7 +347,7 @@ def _plan(m: Record, s: Record, heat: Array, work: Array) -> None:
     x = work[size + 3]
     for i in range(n):
         x[i], x[n + i] = m.plan[i], 0.0
-    m.steps = solve_box(hessian, linear, low, high, x, work[size + 4 :], _MOST, _PRECISION)
+    m.steps = solve_box(hessian, linear, low, high, x, work[size + 4 :], _MAX_NEWTON_STEPS, _PRECISION)
     for i in range(n):
         m.plan[i] = x[i]
 

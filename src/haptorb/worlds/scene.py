@@ -37,7 +37,7 @@ __all__ = ["Scene", "SceneFile", "SceneWork", "describe_scene", "parse_scene_fil
 # Shapes of a scene for the console: fixed, or moved by rows of the memory.
 
 
-_SCENE_SHAPES_MOST = 20_000  #: corners of all meshes; more is no picture but a load for the page
+_MAX_SHAPE_CORNERS = 20_000  #: corners of all meshes; more is no picture but a load for the page
 _PLANE = (0.1, 0.1, 5e-4)  #: half lengths of the plate that stands for an endless plane [m]
 
 
@@ -57,7 +57,7 @@ def describe_scene(scene: SceneModel, body: int, drawn: tuple[int, ...]) -> tupl
     for n in range(model.ngeom):
         kind, size, points, triangles = _describe(engine, model, n)
         corners += len(points) // 3
-        if not kind or int(model.geom_group[n]) > 2 or corners > _SCENE_SHAPES_MOST:
+        if not kind or int(model.geom_group[n]) > 2 or corners > _MAX_SHAPE_CORNERS:
             continue
         name = model.geom(n).name or f"shape {n}"
         turn = np.zeros(4)

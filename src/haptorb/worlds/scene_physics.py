@@ -154,7 +154,7 @@ _FOLDER = Path(__file__).parent / "shipped_scenes"
 #: scenes that are part of this package
 SHIPPED = ("peg", "outlet", "boxes", "drawer")
 _LISTED = 8  #: names in a message
-_STEPS_MOST = 200  #: in a tick
+_MAX_STEPS_PER_TICK = 200  #: in a tick
 _LINE = re.compile(r"[Ll]ine(?: number)?\s*=?\s*(\d+)")
 
 
@@ -266,10 +266,10 @@ class SceneModel:
         if abs(count * step - period) > 1e-9:
             count = max(math.ceil(period / step - 1e-9), 1)
             step = period / count
-        if count > _STEPS_MOST:
+        if count > _MAX_STEPS_PER_TICK:
             raise InputError(
                 f"scene '{self.title}': its timestep of {1e3 * step:.3g} ms makes {count} steps in a tick of "
-                f"{1e3 * period:g} ms; at most {_STEPS_MOST} are possible: make it longer"
+                f"{1e3 * period:g} ms; at most {_MAX_STEPS_PER_TICK} are possible: make it longer"
             )
         return count, step
 

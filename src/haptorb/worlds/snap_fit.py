@@ -250,9 +250,9 @@ _TOUCH = fields(
     ("turning", "f8"),  # of the face by a pull at the same δ [rad/N]
 )  # fmt: skip
 
-_FEWEST, _MOST = 257, 8193  #: places in the table of compliances
-_MOST_STEPS = 400  #: in the search of a hook that springs: 20 µs
-_LEAST = 0.05  #: divisors that only a hook bent far beyond this theory would make smaller
+_MIN_TABLE_PLACES, _MAX_TABLE_PLACES = 257, 8193  #: places in the table of compliances
+_MAX_SEARCH_STEPS = 400  #: in the search of a hook that springs: 20 µs
+_MIN_DIVISOR = 0.05  #: divisors that only a hook bent far beyond this theory would make smaller
 
 
 @kernel
@@ -300,7 +300,7 @@ def _touch(x: float, Y: float, snap: Record, table: Array, touch: Record) -> Non
     bend, recoil = bent / plus, minus / plus
     # f_y = bend − κ f_x put into the second equation: ½ a f_x² + b f_x = c
     a = dalong - 2.0 * recoil * dminus + recoil * recoil * dplus
-    b = max(1.0 + recoil * dH + (dminus - recoil * dplus) * bend, _LEAST)
+    b = max(1.0 + recoil * dH + (dminus - recoil * dplus) * bend, _MIN_DIVISOR)
     c = bend * (dH - 0.5 * dplus * bend)
     fx = 2.0 * c / (b + math.sqrt(max(b * b + 2.0 * a * c, 0.0)))
     fy = bend - recoil * fx
@@ -339,7 +339,7 @@ def _narrow(
 def _find_least_energy(X: float, Y: float, reach: float, snap: Record, table: Array, touch: Record) -> bool:
     """Fill `touch` for that of the places within ±reach of X with x + shift(x) = X where the hook stores least."""
     least, place = math.inf, X
-    steps = min(int(8.0 * reach / snap.edge) + 1, _MOST_STEPS)
+    steps = min(int(8.0 * reach / snap.edge) + 1, _MAX_SEARCH_STEPS)
     step = 2.0 * reach / steps  # a quarter of the rounding's half length: no two places fall into one step
     low = X - reach
     _touch(low, Y, snap, table, touch)
@@ -412,12 +412,12 @@ def _rub(touch: Record, vx: float, vy: float, vz: float, friction: float, creep:
     turn = (slope * fy - fx) / max(fy + slope * fx, 1e-300)  # without friction the force stands upright on the face
     along, up = 1.0 + turn * slope, slope - turn  # the turned face
     length = math.sqrt(along * along + up * up)
-    slip = (vx - recoil * vy) * length / max(along + recoil * up, _LEAST)
+    slip = (vx - recoil * vy) * length / max(along + recoil * up, _MIN_DIVISOR)
     speed = math.sqrt(slip * slip + vz * vz + creep * creep)
     rub = friction * slip / speed
     rubbed, normal = fx, 0.0
     for _ in range(4):
-        share = (up + rub * along) / max(along - rub * up + recoil * (up + rub * along), _LEAST)
+        share = (up + rub * along) / max(along - rub * up + recoil * (up + rub * along), _MIN_DIVISOR)
         rubbed = touch.bend * share
         if (rubbed - fx) * rub < 0.0:
             rubbed = fx
@@ -512,7 +512,11 @@ class SnapFit(ContactWorld, TargetWorld):
         snap["foot"], snap["top"], snap["peak"] = hook.base_length, hook.ramp_end, hook.peak
         snap["rear"], snap["front"] = math.tan(hook.rear), math.tan(hook.front)
         span = hook.tip - 0.5 * hook.base_length
-        x = np.linspace(0.5 * hook.base_length, hook.tip, min(max(math.ceil(4 * span / self.edge), _FEWEST), _MOST))
+        x = np.linspace(
+            0.5 * hook.base_length,
+            hook.tip,
+            min(max(math.ceil(4 * span / self.edge), _MIN_TABLE_PLACES), _MAX_TABLE_PLACES),
+        )
         snap["half"], snap["start"], snap["step"] = self.half_width, x[0], x[1] - x[0]
         for name in ("edge", "friction", "creep", "clearance", "seat", "hooks"):
             snap[name] = getattr(self, name)

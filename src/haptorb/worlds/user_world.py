@@ -406,7 +406,7 @@ class FileWithRemote:
 # texts are read once; what was compared is what runs (`WorldFile.load`).
 
 
-_MOST = 4 << 20  #: bytes of the list
+_MAX_LIST_BYTES = 4 << 20  #: bytes of the list
 
 
 def list_path() -> Path:
@@ -468,7 +468,7 @@ def _read_list(path: Path) -> frozenset[str]:
     try:
         with open_regular(path, "list of started worlds", InputError) as file:
             own = _is_own(os.fstat(file.fileno()))  # safety: own-list-only
-            lines = file.read(_MOST).splitlines() if own else []
+            lines = file.read(_MAX_LIST_BYTES).splitlines() if own else []
     except InputError:
         return frozenset()
     return frozenset(line[:64].decode("ascii", "replace") for line in lines)
@@ -554,7 +554,7 @@ _EARLIER_MODULES = {
     "haptorb.worlds.wrench_part": "haptorb.worlds.base",
 }
 _DEEPEST = 12
-_LONGEST = 16 << 20  #: bytes of a world's or scene's own file
+_MAX_FILE_BYTES = 16 << 20  #: bytes of a world's or scene's own file
 #: of the arrays in a note
 _TYPES = frozenset({"<f8", "<f4", "<i8", "<i4", "<i2", "<u8", "<u4", "<u2", "|i1", "|u1", "|b1"})
 
@@ -657,7 +657,7 @@ def _decode(value: Any, depth: int) -> Any:
 def _world_note_digest(path: Path) -> str:
     """Of a regular file of reasonable size; empty for anything else."""
     try:
-        return hashlib.sha256(read_bytes(path, _LONGEST, "file of a world", InputError)).hexdigest()
+        return hashlib.sha256(read_bytes(path, _MAX_FILE_BYTES, "file of a world", InputError)).hexdigest()
     except InputError:
         return ""
 

@@ -362,7 +362,7 @@ class HallSelect:
 SHORTEST = 0.012  #: of a pulse, so that it lasts from tick to tick also when one is late [s]
 LONGEST = 0.030  #: of a pulse: coils are off that long after the last trigger, whatever hangs [s]
 
-_EVERY = 4e-3  #: between two triggers of the test [s]
+_TRIGGER_INTERVAL_S = 4e-3  #: between two triggers of the test [s]
 
 _WIRE = (
     "wire a 74HC123 (P2 of the TCA9534 to its trigger, its inverted output to OE of the PCA9685, OE to P3, as the "
@@ -381,7 +381,7 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
     end = clock() + 2 * LONGEST
     while (now := clock()) < end:
         select.trigger()
-        while clock() < now + _EVERY:
+        while clock() < now + _TRIGGER_INTERVAL_S:
             if not select.is_enabled():
                 raise DriverError(f"OE of the PCA9685 does not stay low while its monostable is triggered: {_WIRE}")
     select.trigger()

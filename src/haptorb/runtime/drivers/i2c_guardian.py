@@ -27,7 +27,7 @@ __all__ = ["ANSWER", "PATIENCE", "Guardian", "serve", "switch_off", "watch"]
 PATIENCE = 0.015  #: between two heartbeats while the coils are engaged [s]
 ANSWER = 0.010  #: from the last answer to a heartbeat, after which the guardian counts as stopped [s]
 
-_AGAIN = 2e-3  #: between two tries to switch off [s]
+_RETRY_INTERVAL_S = 2e-3  #: between two tries to switch off [s]
 _PRIORITY = 41  #: before every loop: one that never sleeps must not keep its guardian from the processor
 
 
@@ -59,7 +59,7 @@ def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
         with suppress(Exception):
             if pwm.switch_off():
                 return
-        wait(_AGAIN)  # safety: guardian-tries
+        wait(_RETRY_INTERVAL_S)  # safety: guardian-tries
 
 
 @final

@@ -167,10 +167,10 @@ class SerialPort:
 
 
 _ANSWER = 0.05  #: a line that is alive answers within a millisecond [s]
-_AGAIN = 0.25  #: between two questions to a board that may be starting [s]
+_START_RETRY_INTERVAL_S = 0.25  #: between two questions to a board that may be starting [s]
 _TRIES = 3
 _EEPROM = 30.0  #: twenty-one bytes take 72 ms; an emulated processor may be slow [s]
-_ASK_AGAIN = 0.005  #: whether it is written [s]
+_WRITE_CHECK_INTERVAL_S = 0.005  #: whether it is written [s]
 
 
 @final
@@ -227,7 +227,7 @@ class Board:
         while True:
             self._send(Frame(Command.IDENTIFY, self._next(), b""))
             frame, count = self._await_frame(
-                0x80 | Command.IDENTIFY, self._sequence, min(max(0.1, self._answer), _AGAIN)
+                0x80 | Command.IDENTIFY, self._sequence, min(max(0.1, self._answer), _START_RETRY_INTERVAL_S)
             )
             received += count
             if frame is not None:
@@ -314,7 +314,7 @@ class Board:
         end = monotonic() + _EEPROM
         # safety: eeprom-kept
         while (state := self.store(calibration)).refusal is Refusal.WRITING and monotonic() < end:
-            sleep(_ASK_AGAIN)
+            sleep(_WRITE_CHECK_INTERVAL_S)
         why = refusal(state)
         if not why and self.identify().calibration != calibration:
             why = "it stores another id"
@@ -515,7 +515,9 @@ class BoardSample:
 
 _LOST_IN_A_ROW = 3  #: repeated readings until the device counts as silent, with current in its coils
 _LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
-_SAY_AGAIN = 5e-3  #: after this wait for a reply the request is repeated: 15 ms of silence switch the coils off [s]
+_REPEAT_AFTER_S = (
+    5e-3  #: after this wait for a reply the request is repeated: 15 ms of silence switch the coils off [s]
+)
 _TIMES = 10  #: at most, in all of the patience: who has much of it has an emulator that runs slower than time
 _RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
 _MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
@@ -740,7 +742,7 @@ class SerialDriver(Driver):
 
     def _collect_reply(self, board: Board) -> Records | None:
         """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
-        end, pause = monotonic() + self._patience, max(_SAY_AGAIN, self._patience / _TIMES)
+        end, pause = monotonic() + self._patience, max(_REPEAT_AFTER_S, self._patience / _TIMES)
         while True:
             left = end - monotonic()
             reading = board.collect(min(left, pause))

@@ -40,9 +40,9 @@ level = -2
 
 _SEARCH = 3.0  #: how long a stream is looked for [s]
 _OTHERS = 1.6  #: and how long, once there is one, others of the same name answer: two of the layer's calls [s]
-_LOOK = 0.5  #: between two looks at what was found meanwhile [s]
+_RESOLVE_INTERVAL_S = 0.5  #: between two looks at what was found meanwhile [s]
 _FORGET = 2.0  #: a stream that no longer answers is forgotten after [s]
-_MANY = 64  #: streams of one name that are looked at
+_MAX_STREAMS = 64  #: streams of one name that are looked at
 _CONNECT = 2.0  #: longest wait for its data [s]
 _OLDEST = 1.0  #: a sample whose time is farther from its arrival is stamped on another clock [s]
 _AT_ONCE = 64  #: samples taken before the pose is written again
@@ -108,7 +108,7 @@ def lsl_stream(where: str, search: float = _SEARCH) -> Any:
     query = _compose_query(where)
     known = pylsl.resolve_bypred(query, 1, search)
     if known:  # the first that answers need not be the only one
-        known = pylsl.resolve_bypred(query, _MANY, _OTHERS)
+        known = pylsl.resolve_bypred(query, _MAX_STREAMS, _OTHERS)
     found = _select_streams(known, where)
     if known and not found:
         raise DriverError(
@@ -147,7 +147,7 @@ class StreamWatch:
 
     def look(self) -> list[Any]:
         """What is there, at most twice a second anew."""
-        if (now := monotonic()) - self._looked > _LOOK:
+        if (now := monotonic()) - self._looked > _RESOLVE_INTERVAL_S:
             self._looked = now
             known = {str(one.uid()): one for one in self._resolver.results()}
             self._own = {uid: self._own[uid] if uid in self._own else _is_own(one) for uid, one in known.items()}

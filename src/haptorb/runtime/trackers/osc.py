@@ -109,8 +109,8 @@ def _read_bundle(data: bytes, depth: int) -> list[tuple[str, list[Any]]]:
 POSE, LOST = "/haptorb/pose", "/haptorb/lost"
 
 _LAYOUT = f"expected {POSE} with x y z qx qy qz qw and perhaps t"
-_LONGEST = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
-_LONGEST_BUNDLE = 8192  #: of another program's, which may tell of many objects [bytes]
+_MAX_MESSAGE_BYTES = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
+_MAX_BUNDLE_BYTES = 8192  #: of another program's, which may tell of many objects [bytes]
 _BURST = 256  #: datagrams taken at once before the pose is written again
 _SILENT = 2.0  #: a sender that says nothing for so long may be replaced [s]
 _LOST = 0.05  #: so long the pose is lost in between: some ticks of any loop must see it [s]
@@ -159,7 +159,7 @@ class OscFeed(Feed):
         self._token = token.encode()
         self._times = DatagramTimes()
         self._times.watch(listening)
-        self._reader, self._longest = reader, _LONGEST if reader is None else _LONGEST_BUNDLE
+        self._reader, self._longest = reader, _MAX_MESSAGE_BYTES if reader is None else _MAX_BUNDLE_BYTES
         self._clock = SenderClock()
         self._numbers: list[float] = []  # of the pose before
         self._other = ""  # the first message that is none of the layout
