@@ -16,6 +16,7 @@
 #define RUN_VARIABLE "HAPTORB_RUN" /* path of the one device that `haptorb exec` gives its program */
 #define SILENT_NS 500000000LL      /* a state so old is none any more */
 #define READ_TRIES 10
+#define START_MS 2000
 #define PID_BITS 22
 #define LIBRARY_BITS 2
 
@@ -233,6 +234,9 @@ static enum link_result map_device(struct link *link, char *why)
         link->inode = found.st_ino;
     }
     close(file);
+    /* A run that is just starting says where it is a moment before it says what it is. */
+    for (int i = 0; i < START_MS && __atomic_load_n(&link->facts->magic, __ATOMIC_ACQUIRE) == 0; i++)
+        link_sleep_until(link_now() + 1000000);
     if (__atomic_load_n(&link->facts->magic, __ATOMIC_ACQUIRE) != LAYOUT_MAGIC) {
         snprintf(why, LINK_TEXT, "the run is still starting, or is of another version of haptorb");
         return LINK_NO_DEVICE;

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shutil
+import signal
 import subprocess
 import sys
 import textwrap
+import threading
 from pathlib import Path
-from time import monotonic, sleep
+from time import monotonic, monotonic_ns, sleep
 from typing import Any
 
 import numpy as np
 import pytest
 
+from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import InputError
 from haptorb.rotations import rotation_from_euler
-from haptorb.serve.native import Placement, prepare
+from haptorb.runtime.shared_memory import Word
+from haptorb.serve.native import FACTS, Placement, prepare
+from haptorb.worlds.dynamic import FADE, HOLD
+from oracles.other_account import as_nobody, needs_root
 from serve.native.conftest import ServedFile
 
 ANY = ctypes.c_char(b"\xff")
@@ -283,3 +290,176 @@ def test_the_end_of_the_run_is_told(served: ServedFile, dhd: Any) -> None:
 def test_a_scale_that_is_none(where: str) -> None:
     with pytest.raises(InputError, match="metres for a program"):
         prepare(where)
+
+
+def test_a_stopped_programs_force_fades(served: ServedFile, libraries: Path) -> None:
+    """By the time of its last command, which no message could tell."""
+    program = run_program(served, libraries, "dhd.dhdOpen()\nwhile True:\n    force(0, 0, 0.5); time.sleep(0.001)")
+    with program:
+        served.await_force((0.0, 0.0, 0.5), 10.0)
+        program.send_signal(signal.SIGSTOP)
+        stopped = monotonic()
+        client = served.loop._client
+        while client["age"][0] < HOLD + FADE:
+            served.receive()
+            assert monotonic() - stopped < 1.0
+        assert monotonic() - stopped < 0.5
+        assert client["lost"][0] == 0.0
+        program.kill()
+
+
+def test_threads_of_one_program(served: ServedFile, dhd: Any) -> None:
+    """Many at once, beside one that opens and closes: no call crashes, and no half of a force is felt."""
+    wrong, over = list[int](), threading.Event()
+
+    def command(size: float) -> None:
+        while not over.is_set():
+            if set_force(dhd, size, size, size) not in (0, -1):
+                wrong.append(1)
+            numbers_or_none(dhd)
+
+    threads = [threading.Thread(target=command, args=(0.1 * (i + 1),)) for i in range(4)]
+    for one in threads:
+        one.start()
+    seen = set()
+    end = monotonic() + 0.5
+    while monotonic() < end:
+        dhd.dhdClose(ANY)
+        dhd.dhdOpen()
+        force, _ = served.receive()
+        seen.add(tuple(np.round(force, 12)))
+    over.set()
+    for one in threads:
+        one.join()
+    assert not wrong
+    assert all(x == -y == z for x, y, z in seen), seen
+    assert len(seen) > 1
+
+
+def numbers_or_none(dhd: Any) -> None:
+    dhd.dhdGetPosition(*(ctypes.byref(ctypes.c_double()) for _ in range(3)), ANY)
+
+
+def test_forces_of_a_program_that_has_switched_them_off(served: ServedFile, dhd: Any) -> None:
+    set_force(dhd, 0.0, 0.0, 0.5)
+    served.await_force((0.0, 0.0, 0.5))
+    status = (ctypes.c_int * 17)()
+    assert dhd.dhdGetStatus(status, ANY) == 0
+    assert (status[5], status[14]) == (1, 0)
+    assert dhd.dhdEnableForce(ctypes.c_ubyte(0), ANY) == 0
+    assert set_force(dhd, 0.0, 0.0, 0.5) == -1
+    assert b"switched its forces off" in dhd.dhdErrorGetLastStr()
+    client = served.loop._client
+    end = monotonic() + 1.0
+    while client["lost"][0] <= 0.0:
+        served.receive()
+        assert monotonic() < end
+    assert dhd.dhdEnableForce(ctypes.c_ubyte(1), ANY) == 0
+    assert set_force(dhd, 0.0, 0.0, 0.25) == 0
+    served.await_force((0.0, 0.0, 0.25))
+
+
+@pytest.mark.parametrize(
+    ("trip", "cause"), [(Trip.STOPPED, 1), (Trip.POSE_LOST, 6), (Trip.HOST_SILENT, 3), (Trip.OVERHEATED, 4)]
+)
+def test_a_trip_is_a_cause_of_forces_off(served: ServedFile, dhd: Any, trip: Trip, cause: int) -> None:
+    served.publish(guard=GuardState.TRIPPED, trip=trip)
+    status = (ctypes.c_int * 17)()
+    end = monotonic() + 1.0
+    while dhd.dhdGetStatus(status, ANY) != 0 or status[14] != cause:
+        assert monotonic() < end, list(status)
+    assert (status[5], status[9]) == (0, 1)
+
+
+def test_the_time_guard_repeats_a_pose(served: ServedFile, dhd: Any) -> None:
+    """Sooner than the program allows, the last pose comes again, with 1; 0 switches that off."""
+    values = [ctypes.c_double() for _ in range(3)]
+    assert dhd.dhdSetTimeGuard(100_000, ANY) == 0
+    sleep(0.11)
+    answers = [dhd.dhdGetPosition(*map(ctypes.byref, values), ANY) for _ in range(3)]
+    assert answers == [0, 1, 1]
+    assert dhd.dhdSetTimeGuard(-2, ANY) == -1
+    assert dhd.dhdSetTimeGuard(0, ANY) == 0
+    assert dhd.dhdGetPosition(*map(ctypes.byref, values), ANY) == 0
+
+
+def test_what_has_no_meaning_says_why(served: ServedFile, dhd: Any) -> None:
+    """Expert functions want the expert mode first, as in the maker's library."""
+    encoders = (ctypes.c_int * 8)()
+    assert dhd.dhdGetEnc(encoders, ctypes.c_ubyte(0xFF), ANY) == -1
+    assert dhd.dhdErrorGetLastStr() == b"expert mode is disabled: call dhdEnableExpertMode first"
+    assert dhd.dhdEnableExpertMode() == 0
+    assert dhd.dhdGetEnc(encoders, ctypes.c_ubyte(0xFF), ANY) == -1
+    assert dhd.dhdErrorGetLast() == 6
+    assert dhd.dhdErrorGetLastStr() == b"not available: the device has no such motors or encoders"
+    assert dhd.dhdDisableExpertMode() == 0
+    assert dhd.dhdGetGripperGap(ctypes.byref(ctypes.c_double()), ANY) == -1
+    assert dhd.dhdErrorGetLastStr() == b"not available: the device has no gripper"
+    assert dhd.dhdSetWatchdog(ctypes.c_ubyte(0), ANY) == -1
+    assert b"50 ms" in dhd.dhdErrorGetLastStr()
+
+
+def test_buttons(served: ServedFile, dhd: Any) -> None:
+    served.loop.shared.words[Word.BUTTONS] = 0b101
+    end = monotonic() + 1.0
+    while dhd.dhdGetButtonMask(ANY) != 0b101:
+        assert monotonic() < end
+    assert [dhd.dhdGetButton(i, ANY) for i in range(3)] == [1, 0, 1]
+    assert dhd.dhdGetButton(32, ANY) == -1
+
+
+def test_regulation_is_a_spring_on_the_way(served: ServedFile, dhd: Any) -> None:
+    """It holds the place where it begins; a move shifts the place at which the spring is fixed, no faster than said."""
+    facts = np.fromfile(served.path, np.float64, 64)
+    stiffness = 0.5 * facts[FACTS["stiffness_max"][0] // 8]
+    assert 10.0 < stiffness < 1000.0
+    at = numbers(dhd.dhdGetPosition, 3)
+    x, y, z = (ctypes.c_double(one) for one in (at[0], at[1], at[2] + 0.001))
+    block = ctypes.c_ubyte(1)
+    assert dhd.drdMoveToPos(x, y, z, block, ANY) == -1
+    assert b"no regulation" in dhd.dhdErrorGetLastStr()
+    assert dhd.drdStart(ANY) == 0
+    assert dhd.drdMoveToPos(ctypes.c_double(1.0), y, z, block, ANY) == -1
+    assert b"outside of the device's workspace" in dhd.dhdErrorGetLastStr()
+    assert dhd.drdMoveToRot(x, y, z, block, ANY) == -1
+    begin = monotonic()
+    assert dhd.drdMoveToPos(x, y, z, block, ANY) == 0
+    assert monotonic() - begin > 0.1, "1 mm with the least jerk takes 0.14 s"
+    served.await_force((0.0, 0.0, 0.001 * stiffness))
+    assert set_force(dhd, 0.0, 0.0, 0.1) == -1
+    assert dhd.drdHold(ANY) == 0
+    served.await_force((0.0, 0.0, 0.0))
+    assert dhd.drdStop(ctypes.c_ubyte(0), ANY) == 0
+    assert dhd.drdIsRunning(ANY) % 256 == 0
+    assert set_force(dhd, 0.0, 0.0, 0.1) == 0
+
+
+@needs_root
+def test_a_program_of_another_account(served: ServedFile, dhd: Any, libraries: Path) -> None:
+    """It finds no device, and is told why; the file is this account's alone."""
+    folder = Path("/tmp") / f"haptorb-nobody-{os.getpid()}-{monotonic_ns()}"
+    folder.mkdir()
+    folder.chmod(0o777)
+    copy, said = folder / "libdrd.so", folder / "said"
+    copy.write_bytes((libraries / "libdrd.so.3").read_bytes())
+    copy.chmod(0o755)
+
+    def try_to_open() -> None:
+        library = ctypes.CDLL(str(copy))
+        library.dhdErrorGetLastStr.restype = ctypes.c_char_p
+        answer = library.dhdOpen()
+        (folder / "part").write_bytes(b"%d %s" % (answer, library.dhdErrorGetLastStr()))
+        (folder / "part").rename(said)
+
+    try:
+        with as_nobody(try_to_open):
+            end = monotonic() + 20.0
+            while not said.exists():
+                assert monotonic() < end
+                sleep(0.01)
+        assert said.read_text().startswith("-1 no device found")
+        assert "belongs to another account" in said.read_text()
+        assert served.path.stat().st_mode & 0o777 == 0o600
+        assert served.path.parent.stat().st_mode & 0o777 == 0o700
+    finally:
+        shutil.rmtree(folder)
