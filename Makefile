@@ -93,3 +93,4 @@ clean:
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .packages-missing
 	rm -rf web/node_modules src/haptorb/web/console_static src/haptorb_design/static src/haptorb_study/static src/haptorb/web/view_static
 	if [ -d firmware ]; then $(MAKE) --no-print-directory -C firmware clean; fi
+	if [ -d native ]; then $(MAKE) --no-print-directory -C native clean; fi

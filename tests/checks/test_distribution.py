@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import platform
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -24,7 +27,8 @@ def archives(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
     command = [sys.executable, "-m", "build", "--no-isolation", "--skip-dependency-check", "--wheel", "--sdist"]
     done = subprocess.run([*command, "--outdir", folder, root], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    return folder / f"haptorb-{__version__}-py3-none-any.whl", folder / f"haptorb-{__version__}.tar.gz"
+    (wheel,) = folder.glob(f"haptorb-{__version__}-py3-none-*.whl")
+    return wheel, folder / f"haptorb-{__version__}.tar.gz"
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +64,21 @@ def test_the_installed_command_is_this_version_and_reads_its_devices(installed: 
     assert _run(installed, tmp_path, "-c", where).split() == [
         str(next(installed.rglob(f"{name}/__init__.py"))) for name in ("haptorb", "haptorb_design")
     ]
+
+
+def test_the_wheel_of_a_platform_has_its_libraries(
+    archives: tuple[Path, Path], installed: Path, tmp_path: Path
+) -> None:
+    """Where there is a compiler, on Linux with x86-64; a pure wheel says how to get them."""
+    builds = all(shutil.which(tool) for tool in ("make", "cc", "objcopy"))
+    if platform.system() == "Linux" and platform.machine() == "x86_64" and builds:
+        assert re.search(r"-py3-none-manylinux_2_\d+_x86_64\.whl$", archives[0].name)
+        _run(installed, tmp_path, "libraries", str(tmp_path / "kit"))
+        library = ctypes.CDLL(str(tmp_path / "kit/lib/libdhd.so"))
+        assert library.dhdErrorGetLast() == 0
+        assert (tmp_path / "kit/include/dhdc.h").exists()
+    else:
+        assert archives[0].name.endswith("-py3-none-any.whl")
 
 
 @pytest.mark.slow

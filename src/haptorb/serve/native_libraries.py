@@ -34,7 +34,7 @@ def find_libraries() -> tuple[Path, Path]:
 
     Raises DriverError if the installed package has none and they cannot be built.
     """
-    if (_SHIPPED / "libdrd.so.3").exists():
+    if not (_SOURCES / "Makefile").exists() and (_SHIPPED / "libdrd.so.3").exists():
         return _SHIPPED, _SHIPPED / "include"
     if not (_SOURCES / "Makefile").exists():
         raise DriverError(
