@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from haptorb.recording.recording import Recording
     from haptorb.replay.replay import Replay
     from haptorb.rotations import rotation_from_euler
+    from haptorb.runtime.config import RunConfig
     from haptorb.runtime.drivers.base import Driver
     from haptorb.runtime.servo import Servo
     from haptorb.runtime.trackers.base import Feed, RawPose
@@ -69,6 +70,7 @@ __all__ = [
     "RecordingError",
     "RecordingWarning",
     "Replay",
+    "RunConfig",
     "Sample",
     "SampledLoop",
     "Servo",
@@ -106,6 +108,7 @@ _get, __dir__ = lazy_names(
         "haptorb.recording.recording": "Recording",
         "haptorb.replay.replay": "Replay",
         "haptorb.rotations": "rotation_from_euler",
+        "haptorb.runtime.config": "RunConfig",
         "haptorb.runtime.drivers.base": "Driver",
         "haptorb.runtime.servo": "Servo",
         "haptorb.runtime.trackers.base": "Feed RawPose",

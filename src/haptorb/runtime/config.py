@@ -152,12 +152,28 @@ class RunConfig:
         world : str, World, WorldFile, SceneFile, FileWithRemote, callable or None
             World, its name, its file, or a function that returns a wrench, shape (6,) [N, N·m]; None: the default
             world of the kind of device.
-        driver, tracker, prediction, rate, seed, model, estimator, gains, watchdog, render, torque_arm
+        driver, tracker : str
             As the fields of that name.
+        prediction : float
+            As the field [s].
         frame : str, Path or TrackerFrame, optional
             Frame, or path of its file.
+        rate : float
+            As the field [Hz].
+        seed : int
+            As the field.
+        model, estimator : str, optional
+            As the fields.
+        gains : Gains, optional
+            As the field.
         calibration : str, Path or Calibration, optional
             Calibration, or path of its file.
+        watchdog : bool
+            As the field.
+        render : str, optional
+            As the field.
+        torque_arm : float, optional
+            As the field [m].
         grip : str
             Hand for which the coupling of a scene is chosen: "loose", "light", "firm", or "MASS,DAMPING,STIFFNESS".
         latency : float, optional
