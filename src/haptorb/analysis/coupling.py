@@ -17,6 +17,7 @@ import numpy as np
 
 from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
 from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, device_function
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
@@ -36,6 +37,7 @@ __all__ = [
     "choose_coupling",
     "couple_world",
     "describe_coupling",
+    "hold_arm",
     "hold_mover",
     "hold_rotor",
     "hold_tool",
@@ -73,6 +75,15 @@ def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
 def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> HeldMover:
     """`hand` on a tool, on which forces are rendered."""
     return HeldMover(hand.with_mass(device.tool.mass), strongest=device.limits.force)
+
+
+@hold_mover.register(Arm)
+def hold_arm(device: Arm, hand: HandGrip) -> HeldMover:
+    """`hand` on an arm's end effector; where its orientation is actuated, about the arm at which fingers hold it."""
+    square = device.hand.turn_damping / device.hand.damping if device.is_turned and device.hand.damping > 0.0 else 0.0
+    held = hand.with_mass(device.effector.mass)
+    turn = device.effector.mass * square / device.effector.inertia if square else 0.0
+    return HeldMover(held, turn=turn, strongest=device.limits.force)
 
 
 @hold_mover.register(SphericalMotor)

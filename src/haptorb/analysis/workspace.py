@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from typing import final
 
@@ -12,6 +12,7 @@ import numpy as np
 from haptorb.analysis.stability import Field, HandGrip, Steepest, Steepness
 from haptorb.arrays import Array
 from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, State, device_function, rotation_to_axis, unsupported
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
@@ -24,9 +25,12 @@ from haptorb.worlds.dynamic import BoundWorld, DynamicWorld
 __all__ = [
     "UNJUDGED",
     "Workspace",
+    "WorkspaceMapping",
+    "arm_workspace",
     "array_workspace",
     "find_asked_part",
     "list_quick_steepness",
+    "map_workspaces",
     "shell_workspace",
     "steepest_turn",
     "tilt_workspace",
@@ -104,6 +108,37 @@ def array_workspace(device: CoilArray) -> Workspace:
         return _ask_force(world, device, lambda p: _UPRIGHT)
 
     return Workspace(places, contains, "N", "m", _hold(device), field, poses, _hold_turning(device))
+
+
+@workspace.register(Arm)
+def arm_workspace(device: Arm) -> Workspace:
+    """Where the end effector of an arm can be [m]; the arm's dry friction is left out."""
+    rng, half = np.random.default_rng(0), np.array(device.workspace.half)
+    places = rng.uniform(-half, half, (8 * _WORKSPACE_PLACES, 3))
+    ends = np.vstack([np.diag(half), -np.diag(half)])
+    places = np.vstack([ends, places[device.workspace.contains(places)]])[:_WORKSPACE_PLACES]
+
+    def contains(p: Array) -> bool:
+        return bool(device.workspace.contains(p[None])[0])
+
+    def grip(hand: HandGrip) -> HandGrip:
+        return replace(hand.with_mass(device.effector.mass), damping=hand.damping + device.effector.viscous)
+
+    def turning(hand: HandGrip) -> HandGrip:
+        held = device.hand
+        square = held.turn_damping / held.damping if held.damping > 0.0 else 0.0
+        return HandGrip(device.effector.inertia, hand.damping * square, hand.stiffness * square)
+
+    def field(world: World) -> Field:
+        return _ask_force(world, device, lambda p: _UPRIGHT)
+
+    def poses() -> list[tuple[Array, Array]]:
+        draw = np.random.default_rng(0)
+        return [(p.copy(), turn(_draw_lean(draw), _UPRIGHT)) for p in places[:_POSES]]
+
+    if device.is_turned:
+        return Workspace(places, contains, "N", "m", grip, field, poses, turning)
+    return Workspace(places, contains, "N", "m", grip, field)
 
 
 def _go_over_dome(
@@ -205,6 +240,44 @@ def tilt_workspace(device: SphericalMotor) -> Workspace:
         return bool((np.abs(q) <= tilt).all())
 
     return Workspace(rng.uniform(-tilt, tilt, (_WORKSPACE_PLACES, 3)), contains, "N·m", "rad", grip_of, field)
+
+
+# --------------------------------------------------------------------------------------------------
+# From the workspace of one device into that of another: middle onto middle, with one scale.
+
+
+@final
+@dataclass(frozen=True)
+class WorkspaceMapping:
+    """Positions of one device as another one has them: p' = centre' + scale (p − centre)."""
+
+    centre: Array  #: (3,) middle of the first workspace [m]
+    other_centre: Array  #: (3,) of the second [m]
+    scale: float  #: metres of the second for one of the first
+
+    def place(self, p: Array) -> Array:
+        """(..., 3) places [m] of the second device for `p` (..., 3) [m] of the first."""
+        found: Array = self.other_centre + self.scale * (p - self.centre)
+        return found
+
+
+def map_workspaces(device: Device, other: Device) -> WorkspaceMapping | None:
+    """The mapping of the workspace of `device` into that of `other`; None where one of them has no positions.
+
+    The scale is the greatest at which the box about the first workspace fits into the box about the second. Forces are
+    not scaled by it; a stiffness seems 1/scale as large, and a stability limit as well.
+    """
+    boxes = []
+    for one in (device, other):
+        if workspace.dispatch(one.__class__) is workspace.dispatch(object):
+            return None
+        found = workspace(one)
+        if found.length != "m":
+            return None
+        low, high = found.places.min(axis=0), found.places.max(axis=0)
+        boxes.append((0.5 * (low + high), 0.5 * (high - low)))
+    (centre, half), (other_centre, other_half) = boxes
+    return WorkspaceMapping(centre, other_centre, float((other_half / half).min()))
 
 
 # --------------------------------------------------------------------------------------------------

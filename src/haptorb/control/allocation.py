@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, fields, record, vectors
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.control.box_qp import NOT_FINITE, solve_bounded_power, solve_compromise
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, WrenchMap
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError, UnknownName
@@ -32,6 +33,7 @@ __all__ = [
     "Saturation",
     "WholeWrenchAllocator",
     "WrenchChoice",
+    "arm_allocator",
     "check_arm",
     "check_greatest",
     "check_limit",
@@ -847,6 +849,19 @@ def force_allocator(device: Device) -> Allocator:
     coils = device.coils
     return LeastSquaresAllocator.force(
         coils.current_limit, compensate_passive=True, resistance=device.greatest_resistance, power=device.supply.power
+    )
+
+
+def arm_allocator(device: Arm) -> Allocator:
+    """Least squares for the force of an arm, and for its torque where the orientation is actuated.
+
+    >>> from haptorb.devices.loader import load
+    >>> arm_allocator(load("arm")).current_limit.tolist()
+    [10.0, 10.0, 10.0]
+    """
+    weights = (1.0,) * 6 if device.is_turned else FORCE
+    return LeastSquaresAllocator(
+        device.coils.current_limit, weights, resistance=device.greatest_resistance, power=device.supply.power
     )
 
 

@@ -7,12 +7,14 @@ from functools import singledispatch
 from haptorb.control.allocation import (
     Allocator,
     WrenchChoice,
+    arm_allocator,
     force_allocator,
     part_remarks,
     tool_choice,
     torque_allocator,
 )
 from haptorb.control.array_allocation import array_allocator, array_choice, array_remarks
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, device_function, unsupported
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
@@ -61,6 +63,7 @@ def describe_choice(device: Device, choice: WrenchChoice) -> tuple[str, ...]:
 make_allocator.register(SphericalElectromagnet, force_allocator)
 make_allocator.register(SphericalMotor, torque_allocator)
 make_allocator.register(CoilArray, array_allocator)
+make_allocator.register(Arm, arm_allocator)
 make_choice.register(SphericalElectromagnet, tool_choice)
 make_choice.register(CoilArray, array_choice)
 describe_choice.register(SphericalElectromagnet, part_remarks)

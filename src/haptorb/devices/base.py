@@ -505,6 +505,7 @@ KINDS: Final[dict[str, DeviceKind | str]] = {
     "spherical-electromagnet": "haptorb.devices.electromagnet:ELECTROMAGNET",
     "spherical-motor": "haptorb.devices.motor:MOTOR",
     "coil-array": "haptorb.devices.coil_array:COIL_ARRAY",
+    "arm": "haptorb.devices.arm:ARM",
 }
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from functools import singledispatch
 
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, device_function
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import DeviceError
+from haptorb.simulation.arm import SimulatedArm
 from haptorb.simulation.base import Simulation
 from haptorb.simulation.coil_array import SimulatedCoilArray
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
@@ -35,3 +37,4 @@ def simulate(device: Device, seed: int = 0) -> Simulation:
 simulate.register(SphericalElectromagnet, SimulatedElectromagnet)
 simulate.register(SphericalMotor, SimulatedMotor)
 simulate.register(CoilArray, SimulatedCoilArray)
+simulate.register(Arm, SimulatedArm)
