@@ -430,7 +430,8 @@ class Serving:
     def hold_tool(self) -> None:
         """Without a console no hand holds a simulated tool: it is held at rest, so that clients have a cursor."""
         servo = self._servo
-        if self._servers and servo.hand is None and servo.driver == "sim" and servo.tracker in ("pointer", "hall"):
+        free = servo.driver == "sim" and servo.config.hand is None and servo.tracker in ("pointer", "hall")
+        if self._servers and free:
             shell = servo.device.shell
             servo.hand.hold((0.0, 0.0, 0.05 if shell is None else shell.contact_distance + _ABOVE))
 

@@ -48,6 +48,7 @@ def test_forcedimension_core(libraries: Path, tmp_path: Path) -> None:
                  "type": int(dhd.getSystemType()), "time_guard": expert.setTimeGuard(0), "on": dhd.enableForce(True)}
         p, v, f, R = [0.0] * 3, [0.0] * 3, [0.0] * 3, [[0.0] * 3 for _ in range(3)]
         assert dhd.getPosition(p) == 0
+        found["place"] = list(p)
         centre, radius, stiffness = [p[0], p[1], p[2] - 0.008], 0.01, 200.0
         wall = p[0] + 0.001
         begin, polls, worst, pushes = time.monotonic(), 0, 0, []
@@ -76,6 +77,7 @@ def test_forcedimension_core(libraries: Path, tmp_path: Path) -> None:
     assert (found["count"], found["open"], found["on"], found["close"], found["time_guard"]) == (1, 0, 0, 0, 0)
     assert (found["name"], found["type"]) == ("haptorb omni", 34)
     assert (found["worst"], found["buttons"], found["status"]) == (0, 0, False)
+    assert found["place"] == pytest.approx([0.0, 0.0, 0.002], abs=5e-4), "without a console a tool is held at rest"
     assert found["rate"] > 50.0  # 4 kHz where a processor is free
     assert found["force"] > 0.1, "the sphere pushes the tool"
     assert found["difference"] < 0.02, "what is rendered follows what is commanded"

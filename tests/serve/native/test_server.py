@@ -181,22 +181,26 @@ def test_one_program_commands_and_others_read(served: ServedFile, dhd: Any, libr
     assert served.receive() == ([0.0, 0.0, 0.5], session)
 
 
-def test_a_killed_programs_force_ends_at_once(served: ServedFile, libraries: Path) -> None:
-    """By its end, not by its silence: within some looks of the server, and others may command."""
-    program = run_program(
-        served, libraries, "dhd.dhdOpen()\nwhile True:\n    force(0, 0, 0.5); time.sleep(0.001)", stderr=subprocess.PIPE
-    )
-    with program:
-        session = served.await_force((0.0, 0.0, 0.5), 10.0)
-        program.kill()
-        killed = monotonic()
-        client = served.loop._client
-        while True:
-            served.receive()
-            if client["lost"][0] > 0.0:
-                break
-            assert monotonic() - killed < 0.5
+def test_killed_programs_forces_end_at_once(served: ServedFile, libraries: Path) -> None:
+    """By their end, not by their silence: within some looks of the server, and the next may command."""
+    source = "dhd.dhdOpen()\nwhile True:\n    force(0, 0, 0.5); time.sleep(0.001)"
+    sessions = set()
+    for delay in (0.0, 0.0003, 0.0011, 0.0127, 0.0234):
+        with run_program(served, libraries, source, stderr=subprocess.PIPE) as program:
+            client = served.loop._client
+            end = monotonic() + 10.0
+            while client["session"][0] in (0.0, *sessions):
+                served.receive()
+                assert monotonic() < end
+            session = float(client["session"][0])
+            sleep(delay)
+            program.kill()
+            killed = monotonic()
+            while client["lost"][0] <= 0.0:
+                served.receive()
+                assert monotonic() - killed < 0.5
         assert client["session"][0] == session
+        sessions.add(session)
     assert not any(served.path.read_bytes()[2 * 4096 : 2 * 4096 + 8]), "the claim of a dead program stays"
 
 
