@@ -21,8 +21,8 @@ from haptorb.devices.electromagnet import (
     pen_distance,
 )
 from haptorb.devices.electromagnet_model import Windings, fill_wound
-from haptorb.devices.motor import SphericalMotor
-from haptorb.devices.motor_model import Layout
+from haptorb.devices.motor import SphericalMotor, measure_ring_pull
+from haptorb.devices.motor_model import Layout, Regulator, torque_over_sine
 from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
 from haptorb.errors import GeometryError, InputError, UnknownName
@@ -36,6 +36,7 @@ from haptorb_design.problem import DesignCandidate, DesignQuantity, Sense
 __all__ = [
     "PARTS_QUANTITIES",
     "QUANTITIES",
+    "REGULATOR_QUANTITIES",
     "SENSING_QUANTITIES",
     "TOOL_FORCE_QUANTITIES",
     "WARMTH_QUANTITIES",
@@ -1091,6 +1092,65 @@ WARMTH_QUANTITIES = (
 )  # fmt: skip
 
 
+# --------------------------------------------------------------------------------------------------
+# The two magnet rings that hold a motor's rotor up: how well, of how much magnet, and how much the coils disturb it.
+
+
+_REGULATOR_TILTS = 40
+
+
+def _regulator_of(candidate: DesignCandidate) -> Regulator:
+    regulator = motor_of(candidate).regulator
+    if regulator is None:
+        raise InputError("this quantity is of a motor with a regulator: add [regulator.stator] and [regulator.rotor]")
+    return regulator
+
+
+def _regulator_shares(candidate: DesignCandidate) -> Array:
+    """Torque of the regulator over that of the weight, from upright to the corners of the workspace."""
+    _regulator_of(candidate)
+    motor = motor_of(candidate)
+    if motor.weight_torque <= 0.0:
+        raise InputError("the weight itself holds this rotor up: rotor.centre_of_mass is not above the centre")
+    cosines = np.linspace(1.0, np.cos(motor.workspace_tilt) ** 2, _REGULATOR_TILTS)
+    left: Array = np.array([torque_over_sine(float(cosine), *motor.tilt_torque) for cosine in cosines])
+    return 1.0 + left / motor.weight_torque
+
+
+def _regulator_error(candidate: DesignCandidate) -> float:
+    return float(np.abs(_regulator_shares(candidate) - 1.0).max())
+
+
+def _regulator_hold(candidate: DesignCandidate) -> float:
+    return float(_regulator_shares(candidate)[0])
+
+
+def _regulator_volume(candidate: DesignCandidate) -> float:
+    regulator = _regulator_of(candidate)
+    rings = (regulator.stator_ring, regulator.rotor_ring)
+    return float(sum(np.pi * (ring.outer_radius**2 - ring.inner_radius**2) * ring.length for ring in rings))
+
+
+def _regulator_pull(candidate: DesignCandidate) -> float:
+    _regulator_of(candidate)
+    return measure_ring_pull(motor_of(candidate))
+
+
+REGULATOR_QUANTITIES = (
+    describe("regulator_error", "", "minimise",
+             "Greatest difference, over the tilts of the workspace, of the regulator's torque from the weight's, "
+             "relative to the weight's at that tilt.", {"spherical-motor": _regulator_error}),
+    describe("regulator_hold", "", "maximise",
+             "Torque of the regulator over that of the weight at a small tilt: from 1 on it holds the rotor up.",
+             {"spherical-motor": _regulator_hold}),
+    describe("regulator_volume", "m³", "minimise", "Volume of the regulator's two rings.",
+             {"spherical-motor": _regulator_volume}),
+    describe("regulator_pull", "", "minimise",
+             "Greatest torque per ampere of a coil on the regulator's ring on the rotor, relative to a coil's greatest "
+             "on the magnets.", {"spherical-motor": _regulator_pull}),
+)  # fmt: skip
+
+
 _KNOWN = {
     one.name: one
     for one in (
@@ -1099,6 +1159,7 @@ _KNOWN = {
         *PARTS_QUANTITIES,
         *WARMTH_QUANTITIES,
         *SENSING_QUANTITIES,
+        *REGULATOR_QUANTITIES,
     )
 }
 

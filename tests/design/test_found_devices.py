@@ -116,6 +116,13 @@ def test_the_tracker_finds_the_tool_better_with_the_ring():
             },
         ),
         (
+            "motor-regulator",
+            {
+                "rotor_outer": 51.4, "rotor_inner": 45.0, "rotor_length": 1.5, "rotor_height": -58.2,
+                "base_outer": 145.0, "base_inner": 116.0, "base_length": 14.5, "base_height": -66.5,
+            },
+        ),
+        (
             "motor-three-rings",
             {
                 "arrangement": "three-rings", "polarity": "alternating", "winding": "series-aiding",

@@ -94,7 +94,7 @@ def test_parts_of_the_motor_are_at_the_places_of_the_paper():
     assert magnets[0].position == pytest.approx(0.0679 * np.array([np.cos(low), 0, np.sin(low)]), abs=1e-12)
     assert coils[0].channel == coils[12].channel  # Table 2: EM 1 and EM 13 in series
     rings = select_parts(found, "ring")
-    assert [ring.position[2] for ring in rings] == pytest.approx([-0.0485, -0.046])
+    assert [ring.position[2] for ring in rings] == pytest.approx([-0.0665, -0.0582])
     assert rings[0].polarity * rings[1].polarity < 0  # they repel
 
 

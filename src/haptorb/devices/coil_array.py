@@ -8,19 +8,21 @@ from typing import ClassVar, NamedTuple, final
 
 import numpy as np
 
-from haptorb.arrays import Array, Record, Records, fields
+from haptorb.arrays import Array, Record, Records, cap_directions, fields
 from haptorb.compiled import kernel
 from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, rotation_to_axis
 from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.electromagnet import DomeContact, Hand
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, list_assumed
+from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
 from haptorb.devices.schema import list_limit_remarks
+from haptorb.devices.turning_clearance import RoundBody
 from haptorb.devices.uncertainty import ArrayUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import Coil, table_field, tabulate_winding
 from haptorb.magnetics.dipole import MU0
-from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
     add_answers,
@@ -52,7 +54,10 @@ __all__ = [
     "Surface",
     "array_geometry",
     "array_wrench",
+    "check_magnets",
+    "check_places",
     "find_farthest",
+    "find_overlap",
     "find_spacing",
     "place_charges",
 ]
@@ -344,6 +349,14 @@ class MoverMagnet:
     inner_radius: float  #: [m]
     length: float  #: [m]
     remanence: float  #: [T]
+    use: MagnetUse = ANY_MAGNET  #: its grade and temperature
+
+    @property
+    def body(self) -> CylinderMagnet | RingMagnet:
+        """The magnet in its own frame."""
+        if self.inner_radius:
+            return RingMagnet(self.outer_radius, self.inner_radius, self.length, self.remanence)
+        return CylinderMagnet(self.outer_radius, self.length, self.remanence)
 
     @property
     def moment(self) -> float:
@@ -420,6 +433,7 @@ class Surface:
     half_angle: float  #: of a dome: maximum angle of the tool from the summit [rad]
     half_width: tuple[float, float]  #: of a plate: greatest |x| and |y| of the mover [m]
     contact: DomeContact
+    wall: float = 0.0  #: thickness of a dome [m]
 
     @property
     def is_dome(self) -> bool:
@@ -527,8 +541,13 @@ class CoilArray(Device):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable: the wire in each winding."""
-        return (*super().build_checks, *self.windings.check_wires(self.coils))
+        """What must hold for this device to be buildable: the wire in each winding, and room for windings and tool."""
+        return (
+            *super().build_checks,
+            *self.windings.check_wires(self.coils),
+            *check_places(self),
+            *check_magnets(self),
+        )
 
     def geometry(self) -> Geometry:
         """The parts of the device, its tool in contact."""
@@ -672,6 +691,167 @@ def find_spacing(coils: PlacedCoils) -> float:
             break
         found = min(found, _winding_gaps_distance(coils, int(first[row]), int(second[row])))
     return float(found)
+
+
+# --------------------------------------------------------------------------------------------------
+# Room for the parts of a coil array: windings beside each other and the core, below the surface, and the tool's magnets
+# above it.
+
+
+_HAIR = 1e-6  #: by which points lie inside the faces of their own winding: parts that touch do not overlap [m]
+_AROUND, _ACROSS, _UP = 48, 5, 7  #: points in and on a winding
+
+
+def check_places(device: CoilArray) -> list[BuildCheck]:
+    """Whether the parts of `device` have room; its tool upright and in contact in the middle."""
+    coils, surface, tool, names = device.windings, device.surface, device.tool, device.coils.names
+    found = []
+    if device.core is not None:
+        nearest = int(np.argmin(coils.nearest))
+        found.append(
+            BuildCheck(
+                "windings outside the core", f"coil {names[nearest]}, nearest to the origin",
+                float(coils.nearest[nearest]), device.core.radius, "m",
+                "move the winding out, or reduce core.radius", at_least=True,
+            )
+        )  # fmt: skip
+    if len(names) > 1:
+        gap, i, j = find_overlap(coils)
+        found.append(
+            BuildCheck(
+                "windings beside each other", f"coils {names[i]} and {names[j]}, gap between them", gap, 0.0, "m",
+                "move them apart, or make them smaller", at_least=True, note="negative: they overlap",
+            )
+        )  # fmt: skip
+    lowest = max(-float(magnet.charges(2, 32)[2].min()) for magnet in tool.magnets)
+    found.append(
+        BuildCheck(
+            "magnets above the tool's tip", "tool.tip_distance", tool.tip_distance, lowest, "m",
+            "increase it, or move the magnets up: they would go into the surface before the tip", at_least=True,
+        )
+    )  # fmt: skip
+    if surface.is_dome:
+        far, free = find_farthest(coils), surface.dome_radius - surface.wall
+        worst = int(np.argmax(far))
+        found.append(
+            BuildCheck(
+                "windings inside the dome", f"coil {names[worst]}, farthest from the origin", float(far[worst]), free,
+                "m", "move the winding in, or increase dome.radius or reduce dome.wall",
+            )
+        )  # fmt: skip
+        if device.core is not None:
+            found.append(
+                BuildCheck(
+                    "core inside the dome", "core.radius", device.core.radius, free, "m",
+                    "reduce it, or increase dome.radius or reduce dome.wall",
+                )
+            )  # fmt: skip
+    else:
+        upright = np.abs(coils.axis[:, 2])
+        top = coils.position[:, 2] + upright * coils.length / 2
+        top += np.sqrt(np.maximum(1 - upright**2, 0.0)) * coils.outer_radius
+        worst = int(np.argmax(top))
+        found.append(
+            BuildCheck(
+                "windings below the plate", f"coil {names[worst]}, its highest point", float(top[worst]),
+                surface.height, "m", "move the winding down, or increase plate.height", note="height over the origin",
+            )
+        )  # fmt: skip
+    found.append(_check_tool(device))
+    return found
+
+
+def _check_tool(device: CoilArray) -> BuildCheck:
+    """How far the magnets' faces and sides are from a winding, a hole taken for free."""
+    coils, least, part = device.windings, np.inf, ""
+    contact = np.array([0.0, 0.0, device.contact_height])
+    for number, magnet in enumerate(device.tool.magnets, 1):
+        size = PlacedCoils(
+            (contact + magnet.position)[None], magnet.axis[None], np.ones(1), np.array([magnet.inner_radius]),
+            np.array([magnet.outer_radius]), np.array([magnet.length]),
+        )  # fmt: skip
+        points = _fill_points(size, 0)
+        for k, name in enumerate(device.coils.names):
+            apart = float(_measure_winding(coils, k, points).min())
+            if apart < least:
+                least, part = apart, f"tool.magnets.{number} and coil {name}"
+    return BuildCheck(
+        "tool clear of the coils", f"{part}, in contact in the middle", least, 0.0, "m", "move the coil or the magnet",
+        at_least=True, note="negative: inside",
+    )  # fmt: skip
+
+
+_PLACES = 5  #: of the tool along each side of its workspace, where the coils' fields are taken
+
+
+def check_magnets(device: CoilArray) -> list[BuildCheck]:
+    """Whether the tool's magnets keep their polarization, over the workspace: in contact, upright over a plate, radial
+    over a dome."""
+    surface, magnets, found = device.surface, device.tool.magnets, []
+    if surface.is_dome:
+        radial = np.vstack([[0.0, 0.0, 1.0], cap_directions(surface.half_angle, _PLACES**2)])
+        places, turns = device.contact_height * radial, np.stack([rotation_to_axis(one) for one in radial])
+    else:
+        x, y = (np.linspace(-half, half, _PLACES) for half in surface.half_width)
+        places = np.array([[a, b, device.contact_height] for a in x for b in y])
+        turns = np.broadcast_to(np.eye(3), (len(places), 3, 3))
+    coils = place_coils(device.windings)
+    for number, magnet in enumerate(magnets, 1):
+        own = rotation_to_axis(magnet.axis)
+        low = magnet.position - np.sign(magnet.axis[2] or 1.0) * 0.5 * magnet.length * magnet.axis
+        at = places + turns @ low
+        axis = turns @ magnet.axis
+        driven = np.array([np.abs((coil.field(at) * axis).sum(axis=1)) for coil in coils])
+        aside = 0.8 * magnet.outer_radius
+        near = np.array([[0.0, 0, 0], [aside, 0, 0], [-aside, 0, 0], [0, aside, 0], [0, -aside, 0]]) @ own.T
+        beside = np.zeros(len(near))
+        for other in magnets:
+            if other is not magnet:
+                frame = rotation_to_axis(other.axis)
+                beside -= other.body.field((magnet.position + near - other.position) @ frame) @ frame.T @ magnet.axis
+        found += check_magnet(
+            f"tool.magnets.{number}", "remanence", magnet.body, magnet.use, device.coils.heat.stop,
+            float(beside.max()), float((device.driven_current @ driven).max()),
+        )  # fmt: skip
+    return found
+
+
+def find_overlap(coils: PlacedCoils) -> tuple[float, int, int]:
+    """Least distance of two windings' bodies [m], their holes free; negative: how deep they overlap; and which two."""
+    reach = np.hypot(coils.outer_radius, coils.length / 2)
+    first, second = np.triu_indices(len(coils.position), 1)
+    apart = np.linalg.norm(coils.position[first] - coils.position[second], axis=1) - reach[first] - reach[second]
+    found, points = (np.inf, 0, 1), {}
+    for row in np.argsort(apart, kind="stable").tolist():
+        if apart[row] >= max(found[0], 0.0):
+            break
+        i, j = int(first[row]), int(second[row])
+        for one, other in ((i, j), (j, i)):
+            if one not in points:
+                points[one] = _fill_points(coils, one)
+            found = min(found, (float(_measure_winding(coils, other, points[one]).min()), i, j))
+    return found
+
+
+def _fill_points(coils: PlacedCoils, number: int) -> Array:
+    """(n, 3) points in and on winding `number`, a hair inside its faces, stator frame [m]."""
+    angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    inner, outer = float(coils.inner_radius[number]) + _HAIR, float(coils.outer_radius[number]) - _HAIR
+    half = 0.5 * float(coils.length[number]) - _HAIR
+    rho, z, phi = np.meshgrid(np.linspace(inner, outer, _ACROSS), np.linspace(-half, half, _UP), angle)
+    own = np.stack([rho * np.cos(phi), rho * np.sin(phi), z], axis=-1).reshape(-1, 3)
+    placed: Array = own @ rotation_to_axis(coils.axis[number]).T + coils.position[number]
+    return placed
+
+
+def _measure_winding(coils: PlacedCoils, number: int, points: Array) -> Array:
+    """(n,) distance of `points` (n, 3) from winding `number` [m]; negative: inside."""
+    away = points - coils.position[number]
+    along = away @ coils.axis[number]
+    across = np.sqrt(np.maximum((away**2).sum(axis=1) - along**2, 0.0))
+    half = float(coils.length[number]) / 2
+    body = RoundBody(-half, half, float(coils.inner_radius[number]), float(coils.outer_radius[number]))
+    return body.measure_distance(across, along)
 
 
 def _winding_gaps_distance(coils: PlacedCoils, i: int, j: int) -> float:

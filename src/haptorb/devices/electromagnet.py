@@ -36,13 +36,14 @@ from haptorb.devices.electromagnet_model import (
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
+from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.magnetics.dipole import MU0
-from haptorb.magnetics.magnets import ChargedRing
+from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = [
@@ -180,6 +181,24 @@ def check_windings(
     return found
 
 
+def find_opposing_field(device: SphericalElectromagnet) -> float:
+    """Greatest field [T] of all coils at their peak, each in its worse sense, against the tool's magnet.
+
+    At its lower face, in contact anywhere in the workspace, the tool radial or leaning to any side. The core's answer
+    to the magnet itself helps it, and is left out.
+    """
+    places, axes = [], []
+    for radial in cap_directions(device.workspace_half_angle, _DIRECTIONS):
+        first, second = rotation_to_axis(radial)[:, :2].T
+        sides = 2 * np.pi * np.arange(4) / 4
+        away = np.outer(np.cos(sides), first) + np.outer(np.sin(sides), second)
+        for axis in np.vstack([radial, np.cos(GREATEST_LEAN) * radial + np.sin(GREATEST_LEAN) * away]):
+            axes.append(axis)
+            places.append(device.dome_radius * radial + (device.tool.tip_distance - device.tool.length / 2) * axis)
+    along = np.einsum("nak,na->nk", device.coil_fields(np.array(places)), np.array(axes))
+    return float((np.abs(along) @ device.driven_current).max())
+
+
 _DIRECTIONS, _SIDES = 16, 8  #: places of a tool over the workspace, and sides to which it leans
 
 
@@ -262,6 +281,7 @@ class Tool:
     mass: float  #: [kg]
     inertia: Array  #: (3,) principal moments about the magnet's centre, mover frame [kg·m²]
     worn: bool = False  #: on a fingertip, not in a pen; for pictures and words
+    use: MagnetUse = ANY_MAGNET  #: grade and temperature of the magnet
 
     @property
     def moment(self) -> float:
@@ -450,7 +470,13 @@ class SphericalElectromagnet(Device):
             BuildCheck(
                 "magnet above the dome", "lean of the tool at which its magnet touches it", lean, GREATEST_LEAN, "rad",
                 "increase tool.tip_distance, or make the magnet shorter or thinner", at_least=True,
-            )
+            ),
+            *check_magnet(
+                "tool", "tool.remanence",
+                RingMagnet(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence) if tool.inner_radius
+                else CylinderMagnet(tool.outer_radius, tool.length, tool.remanence),
+                tool.use, coils.heat.stop, 0.0, find_opposing_field(self),
+            ),
         ]  # fmt: skip
         if self.hall.range is not None and self.sensors:
             fields = find_sensor_field(self)

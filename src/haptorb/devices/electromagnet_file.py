@@ -22,6 +22,7 @@ from haptorb.devices.electromagnet import (
 )
 from haptorb.devices.electromagnet_model import CoreDynamics, Windings
 from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.magnet_grades import Letters, MagnetUse, Temperature
 from haptorb.devices.schema import (
     RIGHT_ANGLE,
     BasedOn,
@@ -221,6 +222,8 @@ class ToolSection(Section):
         Len(3, 3),
         m.Meaning("principal moments of inertia about the magnet's centre: across, across, along the axis"),
     ]
+    grade: Letters = None
+    greatest_temperature: Temperature = None
     worn: Annotated[
         bool,
         Field(strict=True),
@@ -342,6 +345,7 @@ class ElectromagnetFile(CommonFile):
         dome, hall = self.dome, self.hall
         tool = self.tool.model_dump()
         tool["inertia"] = np.array(tool["inertia"])
+        tool["use"] = MagnetUse(tool.pop("grade"), tool.pop("greatest_temperature"))
         given = self.electromagnet.moment_per_current
         windings = None if self.windings is None else self.windings.build()
         fill = None if self.windings is None else self.windings.fill

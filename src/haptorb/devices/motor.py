@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as dataclasses_field
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,7 @@ from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
+from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
 from haptorb.devices.motor_model import (
     Layout,
     MotorTables,
@@ -36,10 +37,11 @@ from haptorb.devices.motor_model import (
 )
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.tables import Progress
+from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance, tilted_axes
 from haptorb.devices.uncertainty import MotorUncertainty
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics.coil import Coil
-from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet
+from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.wire import overall_diameter, wire_diameter
 from haptorb.rotations import rotation_from_euler
 
@@ -55,6 +57,8 @@ __all__ = [
     "Grasp",
     "Rotor",
     "SphericalMotor",
+    "check_magnets",
+    "check_places",
     "field",
     "findings",
     "grouping",
@@ -182,6 +186,8 @@ class SphericalMotor(Device):
         Standard uncertainties of the values, for the error budget.
     findings : tuple of str
         Objections of the validation that were overridden.
+    magnet_use : MagnetUse
+        Grade and greatest temperature of the magnets.
 
     Notes
     -----
@@ -210,6 +216,7 @@ class SphericalMotor(Device):
     regulator: Regulator | None
     uncertainty: MotorUncertainty = dataclasses_field(default_factory=lambda: MotorUncertainty.model_validate({}))
     findings: tuple[str, ...] = ()
+    magnet_use: MagnetUse = ANY_MAGNET
 
     models: tuple[str, ...] = ("table", "exact", "published", "dipole")
 
@@ -277,28 +284,13 @@ class SphericalMotor(Device):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable: wire in its section, and a regulator that nothing stops."""
+        """What must hold for this device to be buildable: wire in its section, and parts that nothing stops."""
         coil, coils = self.electromagnet, self.coils
         in_series = float(np.abs(self.groups).sum(axis=0)[0])
         copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, coils.copper_resistivity)
         origin = ", the wire that gives its resistance"
-        found = [*super().build_checks, check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0]]
-        if self.regulator is not None:
-            nearest, room = _measure_ring(self)
-            found += [
-                BuildCheck(
-                    "regulator's ring on the rotor free to move",
-                    "its distance from coils, sensors and the other ring", nearest, _AIR, "m",
-                    "move regulator.rotor away from them, or reduce workspace.tilt", at_least=True,
-                    note="at every tilt of the workspace, its corners included; negative: inside",
-                ),
-                BuildCheck(
-                    "room for the column that carries the stator",
-                    "its greatest radius, inside the rotor's ring", room, _COLUMN, "m",
-                    "increase regulator.rotor.inner_radius, or reduce workspace.tilt", at_least=True,
-                ),
-            ]  # fmt: skip
-        return tuple(found)
+        wire = check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0]
+        return (*super().build_checks, wire, *check_places(self), *check_magnets(self))
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
@@ -506,10 +498,10 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
 
 
 # --------------------------------------------------------------------------------------------------
-# What can be wrong with a ball-joint motor although every value in its file is well-formed: its geometry and wiring.
+# What can be wrong with the wiring of a ball-joint motor although every value in its file is well-formed.
 #
-# Findings are sentences. They cover parts that overlap, a gap that is none, sensors in the way, groups that name coils
-# wrongly, pairs that do not face each other, and groups wired so that the motor cannot turn about every axis.
+# Findings are sentences: groups that name coils wrongly, pairs that do not face each other, and groups wired so that
+# the motor cannot turn about every axis.
 
 
 WORST_CONDITION = 100.0  #: a motor that is a hundred times weaker about some axis cannot be used there
@@ -517,57 +509,9 @@ _CHORDS = 2048  #: steps of a table of the pair's torque between no chord and a 
 
 
 def findings(motor: SphericalMotor, groups: Sequence[Sequence[int]], *, antipodal: bool) -> list[str]:
-    """Everything that geometry and wiring have against `motor`, as sentences; an empty list is a pass."""
-    coil, magnet = motor.electromagnet, motor.magnet
-    found = _overlaps("electromagnets", "EM", motor.electromagnets, coil.outer_radius, coil.length)
-    found += _overlaps("magnets", "PM", motor.magnets, magnet.radius, magnet.length)
-    found += _gap(motor)
-    if antipodal:
-        found += _list_not_facing(motor.electromagnets, groups)
+    """Everything that its wiring has against `motor`, as sentences; an empty list is a pass."""
+    found = _list_not_facing(motor.electromagnets, groups) if antipodal else []
     return found + _list_weaknesses(motor, groups)
-
-
-def _overlaps(section: str, letters: str, layout: Layout, radius: float, length: float) -> list[str]:
-    """Two equal radial cylinders touch where their inner rims meet: on the plane that halves the angle between them."""
-    inner = layout.distance - 0.5 * length
-    if inner <= 0:
-        return [f"{section}: the parts reach through the centre; distance must be more than half their length"]
-    span = 2 * np.arctan2(radius, inner)
-    between = np.arccos(np.clip(layout.directions @ layout.directions.T, -1.0, 1.0))
-    first, second = np.nonzero(np.triu(between < span, k=1))
-    if not len(first):
-        return []
-    pairs = ", ".join(
-        f"{letters}{i + 1} and {letters}{j + 1} ({np.degrees(between[i, j]):.1f}°)"
-        for i, j in zip(first, second, strict=True)
-    )
-    return [f"{section}: parts overlap, each spans {np.degrees(span):.1f}° as seen from the centre: {pairs}"]
-
-
-def _gap(motor: SphericalMotor) -> list[str]:
-    coil, magnet = motor.electromagnet, motor.magnet
-    found = []
-    if motor.magnets.distance > motor.electromagnets.distance:  # the rotor is outside, Bai 2012
-        inside = float(np.hypot(motor.electromagnets.distance + 0.5 * coil.length, coil.outer_radius))
-        outside = motor.magnets.distance - 0.5 * magnet.length
-    else:
-        inside = float(np.hypot(motor.magnets.distance + 0.5 * magnet.length, magnet.radius))
-        outside = motor.electromagnets.distance - 0.5 * coil.length
-    if outside <= inside:
-        found.append(
-            f"magnets.distance: no gap between rotor and stator: the inner parts reach {inside * 1e3:.2f} mm from the "
-            f"centre, the outer ones begin at {outside * 1e3:.2f} mm"
-        )
-    at = motor.sensor_layout.distance
-    rim = float(np.hypot(motor.magnets.distance + 0.5 * magnet.length, magnet.radius))
-    if motor.magnets.distance - 0.5 * magnet.length <= at <= rim:
-        found.append(f"sensors.distance: at {at * 1e3:.2f} mm the magnets sweep through the sensors")
-    frames, places = motor.electromagnets.frames, motor.electromagnets.positions
-    for number, position in enumerate(motor.sensor_layout.positions):
-        own = np.einsum("jba,jb->ja", frames, position - places)
-        inside_coil = np.flatnonzero(coil.contains(own))
-        found += [f"sensors: sensor {number + 1} sits inside EM{coil_number + 1}" for coil_number in inside_coil]
-    return found
 
 
 def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[str]:
@@ -584,54 +528,262 @@ def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[st
     return [f"groups.coils: pairs that do not face each other across the centre: {', '.join(pairs)}"]
 
 
+# --------------------------------------------------------------------------------------------------
+# Room for a motor's parts: beside each other, and past each other at every tilt of the workspace and any spin.
+#
+# All parts are round about axes through the centre, so that a distance depends on one angle only (`turning_clearance`).
+# What the file does not state is taken as thin as it can be: a handle and a column of 5 mm radius, and chips of 1 mm.
+
+
 _AIR = 0.5e-3  #: between parts that move past each other [m]
 _COLUMN = 5e-3  #: radius of a column that carries the stator and its leads [m]
-_EDGE, _AROUND = 6, 36  #: tilts along an edge of the workspace, and points around a ring
+_HANDLE = 5e-3  #: radius of the handle, from the bearing at the centre on [m]
+_CHIP = 1e-3  #: from a field sensor's centre to the face of its chip, with air [m]
 
 
-def _measure_ring(motor: SphericalMotor) -> tuple[float, float]:
-    """How near the regulator's ring on the rotor comes to coils, sensors and the other ring, and to the axis below the
-    motor [m].
+@dataclass(frozen=True)
+class _Ring:
+    """Parts at one latitude: their body, the angle to the z axis of their side, and those to the other side's z."""
 
-    At the tilts on the border of the workspace, where it comes nearest; of points on its four edges and faces, to the
-    coils as full cylinders. Negative: inside one of them; 0 as the distance from the axis: the ring covers it.
+    name: str
+    body: RoundBody
+    angle: float  #: [rad]
+    tilted: TiltedAxis
+
+    @property
+    def level(self) -> TiltedAxis:
+        """Of their own side's z axis."""
+        return TiltedAxis(self.angle, self.angle)
+
+
+def _list_rings(name: str, layout: Layout, body: RoundBody, tilt: float) -> list[_Ring]:
+    axes = tilted_axes(tilt, layout.directions)
+    height = np.round(layout.directions[:, 2], 9)
+    found = []
+    for level in np.unique(height):
+        members = [axes[k] for k in np.flatnonzero(height == level)]
+        both = TiltedAxis(min(one.low for one in members), max(one.high for one in members))
+        angle = float(np.arccos(np.clip(level, -1.0, 1.0)))
+        found.append(_Ring(f"{name} at a latitude of {90 - np.degrees(angle):.3g}°", body, angle, both))
+    return found
+
+
+def check_places(motor: SphericalMotor) -> list[BuildCheck]:
+    """Whether the parts of `motor` have room beside each other, and what moves is free at every tilt, both together."""
+    coil, magnet, tilt = motor.electromagnet, motor.magnet, motor.workspace_tilt
+    coil_body = RoundBody.of_length(motor.electromagnets.distance, float(coil.length), 0.0, float(coil.outer_radius))
+    magnet_body = RoundBody.of_length(motor.magnets.distance, magnet.length, 0.0, magnet.radius)
+    chip = RoundBody.of_length(motor.sensor_layout.distance, 0.0, 0.0, 0.0)
+    coils = _list_rings("the coils", motor.electromagnets, coil_body, tilt)
+    sensors = _list_rings("the sensors", motor.sensor_layout, chip, tilt)
+    # the magnets' tilted angles are those to the stator's z axis, which the rotor sees tilt likewise
+    upright = TiltedAxis(0.0, float(np.arccos(np.cos(tilt) ** 2)))
+    magnets = [
+        replace(one, tilted=upright.of_part(one.angle))
+        for one in _list_rings("the magnets", motor.magnets, magnet_body, tilt)
+    ]
+    found = [
+        _check_neighbours("electromagnets", "outer_radius", "EM", motor.electromagnets, coil_body),
+        _check_neighbours("magnets", "radius", "PM", motor.magnets, magnet_body),
+        _check_gap(coil_body, magnet_body),
+        _check_sensors(motor, sensors, magnets),
+    ]
+    handle = RoundBody(0.0, motor.rotor.handle_length, 0.0, _HANDLE)
+    met = [(find_clearance(handle, one.body, one.tilted), one.name) for one in (*coils, *sensors)]
+    ring = base = None
+    if motor.regulator is not None:
+        ring, base = _regulator_bodies(motor.regulator, magnet_body)
+        met.append((find_clearance(handle, base, upright), "the regulator's ring on the base"))
+    found.append(
+        _nearest("handle free to move", "its distance from what stands", met, _AIR,
+                 "reduce workspace.tilt, or move the upper rings of parts down")
+    )  # fmt: skip
+    downward = TiltedAxis(np.pi - upright.high, np.pi)
+    column = RoundBody(0.0, 4 * magnet_body.high, 0.0, 0.0)
+    room = [
+        (find_clearance(column, one.body, TiltedAxis(np.pi - one.angle, np.pi - one.angle)), one.name) for one in coils
+    ]
+    room += [(find_clearance(column, one.body, downward.of_part(one.angle)), one.name) for one in magnets]
+    if ring is not None and base is not None and motor.regulator is not None:
+        room.append((find_clearance(column, ring, downward), "the regulator's ring on the rotor"))
+        met = [(find_clearance(ring, one.body, one.tilted), one.name) for one in (*coils, *sensors)]
+        met.append((find_clearance(ring, base, upright), "the ring on the base, or what carries it"))
+        found.append(
+            _nearest("regulator's ring on the rotor free to move",
+                     "its distance from coils, sensors and the other ring", met, _AIR,
+                     "move regulator.rotor away from them, or reduce workspace.tilt")
+        )  # fmt: skip
+        met = [(find_clearance(base, one.body, one.tilted), one.name) for one in magnets]
+        found.append(
+            _nearest("magnets free to move", "their distance from the regulator's ring on the base, or what carries it",
+                     met, _AIR, "increase regulator.stator.inner_radius, or reduce workspace.tilt")
+        )  # fmt: skip
+        met = [(find_clearance(ring, one.body, one.level), f"the rotor's ring and {one.name}") for one in magnets]
+        met += [
+            (find_clearance(base, one.body, one.level), f"the base's ring and {one.name}") for one in (*coils, *sensors)
+        ]
+        found.append(
+            _nearest("regulator's rings beside the parts of their own side", "the least distance", met, 0.0,
+                     "move regulator.rotor or regulator.stator away")
+        )  # fmt: skip
+    if motor.magnets.distance > motor.electromagnets.distance:  # a stator within the rotor stands on a column
+        found.append(
+            _nearest("room for the column that carries the stator", "its greatest radius", room, _COLUMN,
+                     "increase regulator.rotor.inner_radius, reduce workspace.tilt, or move the lower rings up")
+        )  # fmt: skip
+    return found
+
+
+def _nearest(condition: str, name: str, met: Sequence[tuple[float, str]], limit: float, remedy: str) -> BuildCheck:
+    distance, what = min(met)
+    return BuildCheck(condition, name, distance, limit, "m", remedy, at_least=True, note=f"{what}; negative: inside")
+
+
+def _regulator_bodies(regulator: Regulator, magnet: RoundBody) -> tuple[RoundBody, RoundBody]:
+    """The ring on the rotor, and that on the base with what carries it: down to below the rotor's reach."""
+    own, base = regulator.rotor_ring, regulator.stator_ring
+    ring = RoundBody.of_length(regulator.rotor_height, own.length, own.inner_radius, own.outer_radius)
+    stands = RoundBody.of_length(regulator.stator_height, base.length, base.inner_radius, base.outer_radius)
+    if regulator.stator_height < 0.0:
+        reach = max(float(np.hypot(*body.border).max()) for body in (ring, magnet))
+        stands = replace(stands, low=min(stands.low, -reach))
+    return ring, stands
+
+
+def _check_neighbours(section: str, key: str, letters: str, layout: Layout, body: RoundBody) -> BuildCheck:
+    """Two equal radial cylinders touch where their inner rims meet: on the plane that halves the angle between them."""
+    between = np.arccos(np.clip(layout.directions @ layout.directions.T, -1.0, 1.0))
+    np.fill_diagonal(between, np.pi)
+    near = float(between.min())
+    room = max(body.low, 0.0) * float(np.tan(near / 2)) if near < np.pi else np.inf
+    span = 2 * np.arctan2(body.outer_radius, body.low) if body.low > 0.0 else 2 * np.pi
+    first, second = np.nonzero(np.triu(between < max(span, near + 1e-9), k=1))
+    pairs = ", ".join(
+        f"{letters}{i + 1} and {letters}{j + 1} at {np.degrees(between[i, j]):.1f}°"
+        for i, j in zip(first, second, strict=True)
+    )
+    through = "the parts reach through the centre; " if body.low <= 0.0 else ""
+    return BuildCheck(
+        f"{section} beside each other", f"{section}.{key}", body.outer_radius, room, "m",
+        f"reduce {section}.{key}, increase {section}.distance, or move the rings apart",
+        note=f"{through}each spans {np.degrees(span):.1f}° as seen from the centre; {pairs}",
+    )  # fmt: skip
+
+
+def _check_gap(coil: RoundBody, magnet: RoundBody) -> BuildCheck:
+    inner, outer = (coil, magnet) if magnet.low + magnet.high > coil.low + coil.high else (magnet, coil)
+    reach = float(np.hypot(inner.high, inner.outer_radius))
+    return BuildCheck(
+        "gap between rotor and stator", "magnets.distance, electromagnets.distance", outer.low - reach, _AIR, "m",
+        "move magnets and coils apart, or make them thinner", at_least=True,
+        note=f"the inner parts reach {reach * 1e3:.2f} mm from the centre, the outer ones begin at "
+        f"{outer.low * 1e3:.2f} mm",
+    )  # fmt: skip
+
+
+def _check_sensors(motor: SphericalMotor, sensors: Sequence[_Ring], magnets: Sequence[_Ring]) -> BuildCheck:
+    """The sensors' chips clear of the coils, and of magnets that pass; a chip may be in a coil's hole."""
+    coil, coils, places = motor.electromagnet, motor.electromagnets, motor.sensor_layout
+    body = RoundBody.of_length(coils.distance, float(coil.length), float(coil.inner_radius), float(coil.outer_radius))
+    angle = np.arccos(np.clip(places.directions @ coils.directions.T, -1.0, 1.0))
+    apart = body.measure_distance(places.distance * np.sin(angle), places.distance * np.cos(angle))
+    number, near = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    met = [(float(apart[number, near]), f"sensor {number + 1} and EM{near + 1}")]
+    for sensor in sensors:
+        for magnet in magnets:
+            axis = sensor.tilted.of_part(magnet.angle)
+            met.append((find_clearance(sensor.body, magnet.body, axis), f"{sensor.name} and {magnet.name}"))
+    return _nearest(
+        "sensors clear of coils and magnets", "sensors.distance, from a chip's centre to the nearest part", met, _CHIP,
+        "move the sensors, by sensors.distance or their rings",
+    )  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Fields against a motor's magnets: of the other magnets, of the regulator's other ring, and of the coils at their peak.
+
+
+_CHORD_STEPS = 90  #: angles between a magnet's and a coil's axis, from none to half a turn
+
+
+def check_magnets(motor: SphericalMotor) -> list[BuildCheck]:
+    """Whether the motor's magnets, and the rings of its regulator, keep their polarization."""
+    stop, use = motor.coils.heat.stop, motor.magnet_use
+    found = check_magnet(
+        "magnets", "magnets.polarization", motor.magnet, use, stop, _oppose_magnets(motor), _oppose_coils(motor)
+    )
+    if motor.regulator is not None:
+        plain = MagnetUse(None, use.greatest_temperature)
+        for part, ring, other in _oppose_rings(motor, motor.regulator):
+            found += check_magnet(f"regulator.{part}", f"regulator.{part}.polarization", ring, plain, stop, *other)
+    return found
+
+
+def _oppose_magnets(motor: SphericalMotor) -> float:
+    """Greatest field [T] of the other magnets against one, on its axis and near its rim."""
+    magnet, layout = motor.magnet, motor.magnets
+    aside, places, frames = 0.8 * magnet.radius, layout.positions, layout.frames
+    own = np.array([[0.0, 0.0, 0.0], [aside, 0.0, 0.0], [-aside, 0.0, 0.0], [0.0, aside, 0.0], [0.0, -aside, 0.0]])
+    at = np.einsum("iab,pb->ipa", frames, own) + places[:, None]  # (i, 5, 3)
+    most = 0.0
+    for i, sign in enumerate(motor.polarity):
+        others = np.arange(len(layout)) != i
+        seen = (at[i][None] - places[others][:, None]) @ frames[others]
+        field = magnet.field(seen) @ np.swapaxes(frames[others], 1, 2)
+        along = np.tensordot(motor.polarity[others], field, 1) @ layout.directions[i]
+        most = max(most, float((-np.sign(sign) * along).max()))
+    return most
+
+
+def _oppose_coils(motor: SphericalMotor) -> float:
+    """Greatest field [T] of all coils at their peak, each in its worse sense, at a magnet's face that is nearest.
+
+    Over orientations of the whole workspace.
     """
-    assert motor.regulator is not None
-    ring, height = motor.regulator.rotor_ring, motor.regulator.rotor_height
-    phi = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    radii = np.array([ring.inner_radius, (ring.inner_radius + ring.outer_radius) / 2, ring.outer_radius])
-    rho, z, turn = (one.ravel() for one in np.meshgrid(radii, height + ring.length / 2 * np.array([-1, 0, 1]), phi))
-    own = np.stack([rho * np.cos(turn), rho * np.sin(turn), z], axis=1)
-    edge = np.linspace(-motor.workspace_tilt, motor.workspace_tilt, _EDGE + 1)
-    ends = np.full_like(edge, motor.workspace_tilt)
-    psi, lam = np.concatenate([edge, edge, ends, -ends]), np.concatenate([ends, -ends, edge, edge])
-    at = np.einsum("nij,pj->npi", rotation_from_euler(psi, lam, np.zeros_like(psi)), own).reshape(-1, 3)
-    coil, coils, sensors = motor.electromagnet, motor.electromagnets, motor.sensor_layout.positions
-    square = (at**2).sum(axis=1)[:, None]
-    along = at @ coils.directions.T - (coils.positions * coils.directions).sum(axis=1)
-    away = square - 2 * at @ coils.positions.T + (coils.positions**2).sum(axis=1)
-    over = np.abs(along) - 0.5 * coil.length
-    out = np.sqrt(np.maximum(away - along**2, 0.0)) - coil.outer_radius
-    apart = np.where((over > 0) & (out > 0), np.hypot(over, out), np.maximum(over, out))
-    to_sensors = square - 2 * at @ sensors.T + (sensors**2).sum(axis=1)
-    nearest = float(min(apart.min(), np.sqrt(np.maximum(to_sensors, 0.0)).min(initial=np.inf)))
-    base, middle = motor.regulator.stator_ring, motor.regulator.stator_height
-    across = np.hypot(at[:, 0], at[:, 1])
-    beside = np.maximum(base.inner_radius - across, across - base.outer_radius)
-    above = np.abs(at[:, 2] - middle) - base.length / 2
-    to_base = np.where((beside > 0) & (above > 0), np.hypot(beside, above), np.maximum(beside, above))
-    nearest = min(nearest, float(to_base.min()))
-    below = at[at[:, 2] < 0]
-    upright = own[:, 2] < 0
-    if not upright.any():  # above the motor
-        return nearest, np.inf
-    # the column passes through the hole as long as the whole inner rim stays around the axis
-    rim = own[(rho == radii[0]) & upright]
-    tilted = np.einsum("nij,pj->npi", rotation_from_euler(psi, lam, np.zeros_like(psi)), rim)
-    angles = np.sort(np.arctan2(tilted[..., 1], tilted[..., 0]), axis=1)
-    gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
-    around = bool((gaps < np.pi).all())
-    return nearest, float(np.hypot(below[:, 0], below[:, 1]).min()) if around else 0.0
+    coil, coils, magnets = motor.electromagnet, motor.electromagnets, motor.magnets
+    near = np.sign(coils.distance - magnets.distance) * motor.magnet.length / 2
+    angle = np.pi * np.arange(_CHORD_STEPS + 1) / _CHORD_STEPS
+    axis = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    places = (magnets.distance + near) * axis - np.array([0.0, 0.0, coils.distance])
+    along = np.abs((coil.field(places) * axis).sum(axis=1))
+    current = np.abs(motor.groups) @ motor.driven_current
+    most = 0.0
+    for part in np.array_split(workspace_sample(motor.workspace_tilt, 3, 24), 6):
+        u = np.einsum("nab,ib->nia", part, magnets.directions)
+        between = np.arccos(np.clip(u @ coils.directions.T, -1.0, 1.0))
+        most = max(most, float((np.interp(between, angle, along) @ current).max()))
+    return most
+
+
+def _oppose_rings(motor: SphericalMotor, regulator: Regulator) -> list[tuple[str, RingMagnet, tuple[float, float]]]:
+    """Of each of the regulator's rings: its part of the file, and the fields [T] of the other ring and of the coils."""
+    phi, tilt = 2 * np.pi * np.arange(12) / 12, motor.workspace_tilt
+    around = np.stack([np.cos(phi), np.sin(phi), np.zeros_like(phi)], axis=1)
+    up, current = np.array([0.0, 0.0, 1.0]), np.abs(motor.groups) @ motor.driven_current
+    rings = ((regulator.stator_ring, regulator.stator_height * up), (regulator.rotor_ring, regulator.rotor_height * up))
+    points = [
+        np.concatenate([radius * around + above for radius in (ring.inner_radius, ring.outer_radius)])
+        for ring, above in rings
+    ]
+    on_base = on_rotor = 0.0
+    driven = [0.0, 0.0]
+    for R in rotation_from_euler(np.array([0.0, tilt, tilt]), np.array([0.0, 0.0, tilt]), np.zeros(3)):
+        # polarized along +Z of the stator, and along −z of the rotor
+        seen = points[1] @ R.T
+        on_rotor = max(on_rotor, float((rings[0][0].field(seen - rings[0][1]) @ R[:, 2]).max()))
+        other = rings[1][0].field(points[0] @ R - rings[1][1]) @ R.T
+        on_base = max(on_base, float(other[:, 2].max()))
+        for k, (places, axis) in enumerate(((points[0], up), (seen, R[:, 2]))):
+            total = np.zeros(len(places))
+            for amperes, frame, place in zip(current, motor.electromagnets.frames, motor.electromagnets.positions,
+                                             strict=True):  # fmt: skip
+                field = motor.electromagnet.field((places - place) @ frame) @ frame.T
+                total += amperes * np.abs(field @ axis)
+            driven[k] = max(driven[k], float(total.max()))
+    return [
+        ("stator", regulator.stator_ring, (on_base, driven[0])),
+        ("rotor", regulator.rotor_ring, (on_rotor, driven[1])),
+    ]
 
 
 def measure_ring_pull(motor: SphericalMotor) -> float:

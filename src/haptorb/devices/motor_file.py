@@ -15,6 +15,7 @@ from haptorb.devices import schema as m
 from haptorb.devices.base import Coils
 from haptorb.devices.build_checks import refuse_unbuildable
 from haptorb.devices.field_sensors import FieldSensors
+from haptorb.devices.magnet_grades import Letters, MagnetUse, Temperature
 from haptorb.devices.motor import (
     EndStop,
     Grasp,
@@ -159,6 +160,8 @@ class MagnetsSection(Section):
         m.Form('"checkerboard", "in-phase" or a number from −1 to 1 per magnet, +1 outward'),
     ]
     rings: Annotated[Rings, m.Meaning("rings of magnets on the rotor")]
+    grade: Letters = None
+    greatest_temperature: Temperature = None
     multipole: Annotated[
         MultipoleSection | None,
         m.Meaning("distributed multipole model of one magnet, Bai 2012 eq. (7)"),
@@ -422,6 +425,7 @@ class MotorFile(Section):
             rotor=Rotor(**{**self.rotor.model_dump(), "inertia": np.array(self.rotor.inertia)}),
             regulator=self._regulator(),
             uncertainty=self.uncertainty,
+            magnet_use=MagnetUse(m.grade, m.greatest_temperature),
         )
 
     def _channels(self, coil: CoilCoil, groups: Array) -> Coils:

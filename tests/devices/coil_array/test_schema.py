@@ -40,16 +40,16 @@ def test_the_pull_of_the_core_is_the_omnis() -> None:
 @pytest.mark.parametrize(
     ("text", "before", "after", "words"),
     [
-        (TETRAHEDRON, DOWN, "[0, 0, -18]", ("down", "into the core", "15 mm")),
-        (TETRAHEDRON, DOWN, "[0, 0, -26]", ("down", "out of the dome")),
-        (PLANAR, "[8.75, -45.466, -15]", "[-20, -45.466, -15]", ("A2 and A3", "overlap")),
-        (PLANAR, "[8.75, -45.466, -15]", "[8.75, -45.466, -10]", ("A3", "through the plate")),
+        (TETRAHEDRON, DOWN, "[0, 0, -18]", ("coil down", "windings outside the core", "15 mm")),
+        (TETRAHEDRON, DOWN, "[0, 0, -26]", ("coil down", "windings inside the dome", "30 mm")),
+        (PLANAR, "[8.75, -45.466, -15]", "[-20, -45.466, -15]", ("A2 and A3", "windings beside each")),
+        (PLANAR, "[8.75, -45.466, -15]", "[8.75, -45.466, -10]", ("coil A3", "windings below the plate")),
         (PLANAR, "[8.75, -45.466, -15]", "[nan, -45.466, -15]", ("windings.position.3.1", "finite")),
         (PLANAR, UP, "axis = [[0, 0, 0]]\nturns", ("windings.axis", "direction")),
         (PLANAR, UP, "axis = [[0, 0, 1], [0, 0, 1]]\nturns", ("windings.axis", "2 values", "16")),
         (PLANAR, 'value = "16.25 mm"', 'value = "5 mm"', ("tip_distance", "6.25 mm")),
         (PLANAR, "outer_radius = { value = [16]", "outer_radius = { value = [4]", ("inner_radius", "smaller")),
-        (PLANAR, "position = { value = [0, 0, 0]", "position = { value = [9, 15, -33]", ("magnets.1 is inside", "C3")),
+        (PLANAR, "position = { value = [0, 0, 0]", "position = { value = [9, 15, -33]", ("magnets.1 and coil C3",)),
     ],
     ids=["core", "dome", "overlap", "plate", "nan", "no axis", "axes", "tip", "wall", "magnet in coil"],
 )  # fmt: skip

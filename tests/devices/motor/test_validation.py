@@ -1,5 +1,6 @@
 """What geometry and wiring validation of a ball-joint motor must catch, each mistake planted once."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -45,8 +46,8 @@ def test_the_printed_layout_is_refused_naming_overlaps_and_pairs():
     with pytest.raises(DeviceError) as caught:
         haptorb.load("pmsm-printed")
     message = str(caught.value)
-    assert "EM1 and EM17 (26.0°)" in message
-    assert "EM8 and EM24 (26.0°)" in message
+    assert "EM1 and EM17 at 26.0°" in message
+    assert "EM8 and EM24 at 26.0°" in message
     assert "pairs that do not face each other" in message
     assert "EM1 and EM13 (20.2° off)" in message
     assert "override=True" in message
@@ -56,18 +57,19 @@ def test_the_printed_layout_is_refused_naming_overlaps_and_pairs():
 
 def test_the_override_loads_it_and_keeps_what_was_found():
     device = haptorb.load("pmsm-printed", override=True)
-    assert len(device.findings) == 2
+    assert len(device.findings) == 1
+    assert [c.condition for c in device.build_checks if not c.holds] == ["electromagnets beside each other"]
     assert haptorb.torque_characteristic(device, np.eye(3), model="dipole").shape == (3, 24)
 
 
 def test_the_table_to_the_letter_contradicts_the_text_too():
     device = haptorb.load("pmsm-printed-table", override=True)
     assert abs(device.electromagnets.directions[16] @ [1, 0, 0]) < 0.93  # "located on the X axis": it is not
-    assert any("EM9 and EM17" in line for line in device.findings)
+    assert any("EM9 and EM17" in check.note for check in device.build_checks if not check.holds)
 
 
 def test_thick_coils_overlap_by_a_hair():
-    with pytest.raises(DeviceError, match=r"parts overlap.*EM1 and EM17 \(33\.9°\)"):
+    with pytest.raises(DeviceError, match=r"beside each other.*EM1 and EM17 at 33\.9°"):
         haptorb.load("pmsm-thick-coils")
 
 
@@ -138,7 +140,7 @@ def test_wiring_that_follows_from_places_and_magnets_is_that_of_the_file():
 
 
 def test_no_gap_between_rotor_and_stator_is_caught():
-    assert "no gap between rotor and stator" in refusal(('distance = "67.9 mm"', 'distance = "64 mm"'))
+    assert "(gap between rotor and stator)" in refusal(('distance = "67.9 mm"', 'distance = "64 mm"'))
 
 
 def test_magnets_that_overlap_are_named():
@@ -146,12 +148,14 @@ def test_magnets_that_overlap_are_named():
 
 
 def test_sensors_in_the_way_are_caught():
-    assert "magnets sweep through the sensors" in refusal(('distance = "62.4 mm"', 'distance = "66 mm"'))
+    swept = refusal(('distance = "62.4 mm"', 'distance = "66 mm"'))
+    assert "(sensors clear of coils and magnets)" in swept
+    assert "the magnets at a latitude" in swept
     inside = (
         ('distance = "62.4 mm"', 'distance = "56 mm"'),
         ('count = 16, first = "0 deg"', 'count = 16, first = "10 deg"'),
     )
-    assert "sits inside EM" in refusal(*inside)
+    assert re.search(r"sensor \d+ and EM\d+", refusal(*inside))
 
 
 @pytest.mark.parametrize(
@@ -276,11 +280,12 @@ def test_what_the_coils_do_to_the_regulators_ring_is_told_and_small():
             most = max(most, np.linalg.norm(torque))
         greatest = max(greatest, np.linalg.norm(motor.torque_characteristic(R[None], "exact")[0], axis=0).max())
     assert share == pytest.approx(most / greatest, rel=0.06)
-    assert 0.05 < share < 0.1
+    assert 0.03 < share < 0.1
 
 
 def test_two_rings_of_the_regulator_that_meet_are_refused():
     base = '[regulator.stator]\nouter_radius = "70 mm"\ninner_radius = "50 mm"\nheight = "-50 mm"\n'
     with pytest.raises(BuildError) as refused:
         parse(f'based_on = "pmsm"\nname = "own"\n{base}', "own")
-    assert [check.condition for check in refused.value.failures] == ["regulator's ring on the rotor free to move"]
+    found = {check.condition for check in refused.value.failures}
+    assert found == {"regulator's ring on the rotor free to move", "magnets free to move"}

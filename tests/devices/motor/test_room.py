@@ -1,0 +1,150 @@
+"""Room for a motor's parts: what moves past what stands, against clouds of points at many poses of the rotor."""
+
+import numpy as np
+import pytest
+from tests.oracles.turning_parts import draw_poses, draw_surface, least_distance, stand_along
+
+import haptorb
+from haptorb.devices.build_checks import BuildError
+from haptorb.devices.loader import parse
+from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance
+
+_COARSE = 0.6e-3  #: between points of a cloud that are nearest, and the true places [m]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_distance_of_two_turning_bodies_is_that_of_their_points(seed):
+    """Drawn bodies at drawn ranges of angles; where they overlap, some point of one must be in the other."""
+    draw = np.random.default_rng(seed)
+    bodies = []
+    for _ in range(2):
+        low, inner = draw.uniform(-80e-3, 70e-3), draw.choice([0.0, draw.uniform(2e-3, 40e-3)])
+        bodies.append((low, low + draw.uniform(1e-3, 25e-3), inner, inner + draw.uniform(2e-3, 30e-3)))
+    low = draw.uniform(0, np.pi)
+    axis = TiltedAxis(low, low + draw.uniform(0, np.pi - low))
+    one, other = (draw_surface(*body, 400, draw) for body in bodies)
+    found = find_clearance(RoundBody(*bodies[0]), RoundBody(*bodies[1]), axis)
+    least, inside = np.inf, False
+    for gamma in np.linspace(axis.low, axis.high, 40):
+        at = stand_along(one, np.array([np.sin(gamma), 0.0, np.cos(gamma)]))
+        least = min(least, least_distance(at, other, draw_poses(0.0, 0, draw)[:1]))
+        rho, z = np.hypot(at[:, 0], at[:, 1]), at[:, 2]
+        b_low, b_high, inner, outer = bodies[1]
+        inside |= bool(((z > b_low) & (z < b_high) & (rho > inner) & (rho < outer)).any())
+    if found > 1e-4:
+        assert not inside
+        assert found - 1e-9 <= least <= found + 2e-3
+    elif found < -1e-3:
+        assert inside
+    else:
+        assert least < 3e-3
+
+
+def clouds(motor, draw):
+    """Clouds of all parts of `motor`, by its file: what moves in the rotor's frame, what stands in the stator's."""
+    coil, magnet = motor.electromagnet, motor.magnet
+    radial = {
+        "coils": (motor.electromagnets, coil.length, coil.outer_radius),
+        "magnets": (motor.magnets, magnet.length, magnet.radius),
+    }
+    made = {}
+    for name, (layout, length, radius) in radial.items():
+        middle = layout.distance
+        surface = draw_surface(middle - length / 2, middle + length / 2, 0.0, radius, 60, draw)
+        made[name] = stand_along(surface, layout.directions)
+    made["sensors"] = motor.sensor_layout.positions
+    for name, ring, height in (
+        ("ring", motor.regulator.rotor_ring, motor.regulator.rotor_height),
+        ("base", motor.regulator.stator_ring, motor.regulator.stator_height),
+    ):
+        ends = (height - ring.length / 2, height + ring.length / 2)
+        made[name] = draw_surface(*ends, ring.inner_radius, ring.outer_radius, 600, draw)
+    made["handle"] = draw_surface(0.0, motor.rotor.handle_length, 0.0, 5e-3, 1000, draw)
+    made["axis below"] = np.linspace(0, 1, 1000)[:, None] * [0.0, 0.0, -0.1]
+    return made
+
+
+@pytest.mark.parametrize("name", ["pmsm", "pmsm-three-rings"])
+def test_what_moves_past_what_stands_has_the_room_that_the_card_states(name):
+    motor, draw = haptorb.load(name), np.random.default_rng(3)
+    made, poses = clouds(motor, draw), draw_poses(motor.workspace_tilt, 2, draw)
+    upright = draw_poses(0.0, 0, draw)[:1]
+    stated = {check.condition: check.value for check in motor.build_checks}
+    found = {
+        "regulator's ring on the rotor free to move": least_distance(
+            made["ring"], np.concatenate([made["coils"], made["sensors"], made["base"]]), poses
+        ),
+        "magnets free to move": least_distance(made["magnets"], made["base"], poses),
+        "handle free to move": least_distance(
+            made["handle"], np.concatenate([made["coils"], made["sensors"], made["base"]]), poses
+        ),
+        "room for the column that carries the stator": min(
+            least_distance(np.concatenate([made["ring"], made["magnets"]]), made["axis below"], poses),
+            least_distance(made["coils"], made["axis below"], upright),
+        ),
+        "regulator's rings beside the parts of their own side": min(
+            least_distance(made["ring"], made["magnets"], upright),
+            least_distance(
+                made["base"], np.concatenate([made["coils"], made["sensors"]]), draw_poses(0.0, 0, draw)[:1]
+            ),
+        ),
+    }
+    for condition, least in found.items():
+        assert stated[condition] - 1e-6 <= least <= stated[condition] + _COARSE, condition
+    gap = least_distance(made["magnets"], made["coils"], poses)
+    assert gap >= stated["gap between rotor and stator"] - 1e-6
+
+
+def refuse(*tables, base="pmsm"):
+    with pytest.raises(BuildError) as refused:
+        parse(f'based_on = "{base}"\nname = "own"\n' + "\n".join(tables), "own")
+    return {check.condition: check for check in refused.value.failures}
+
+
+def test_a_ring_that_cuts_its_own_rotors_magnets_is_refused():
+    """Of pmsm's regulator below magnets at −36°: as the catalogue had it."""
+    ring = (
+        '[regulator.rotor]\nouter_radius = "54.5 mm"\ninner_radius = "47 mm"\nlength = "1 mm"\nheight = "-46 mm"\n'
+        '[regulator.stator]\nouter_radius = "149 mm"\ninner_radius = "113 mm"\nlength = "15 mm"\nheight = "-48.5 mm"\n'
+    )
+    found = refuse(ring, base="pmsm-three-rings")
+    assert set(found) == {"regulator's rings beside the parts of their own side"}
+    motor = parse(f'based_on = "pmsm-three-rings"\nname = "own"\n{ring}', "own", override=True)
+    rho, z, magnet = 47e-3, -46e-3, motor.magnet
+    place = np.array([rho, 0.0, z]) @ motor.magnets.directions[0]  # the ring's inner edge, at 0° as a magnet
+    aside = np.sqrt(rho**2 + z**2 - place**2)
+    assert abs(place - motor.magnets.distance) < magnet.length / 2
+    assert aside < magnet.radius
+
+
+def test_a_handle_that_meets_a_coil_is_refused():
+    steep = refuse('[workspace]\ntilt = "36 deg"', "[regulator.rotor]", 'height = "-66 mm"')
+    assert "handle free to move" in steep
+
+
+def test_magnets_that_swing_into_the_ring_on_the_base_are_refused():
+    found = refuse('[regulator.stator]\ninner_radius = "60 mm"\nouter_radius = "110 mm"\nheight = "-30 mm"')
+    assert found["magnets free to move"].value < 0
+
+
+def test_what_carries_the_ring_on_the_base_stands_too():
+    """A ring that the rotor does not reach, far below it, on a foot that it does: only where it is above its base."""
+    found = refuse('[regulator.stator]\ninner_radius = "20 mm"\nouter_radius = "30 mm"\nheight = "-50 mm"')
+    assert "regulator's ring on the rotor free to move" in found
+
+
+def test_touching_parts_pass_and_overlapping_ones_name_their_pairs():
+    condition = "electromagnets beside each other"
+    room = next(check.limit for check in haptorb.load("pmsm").build_checks if check.condition == condition)
+    parse(f'based_on = "pmsm"\nname = "own"\n[electromagnets]\nouter_radius = "{1e3 * room} mm"', "own")
+    found = refuse(f'[electromagnets]\nouter_radius = "{1e3 * room + 0.01} mm"')
+    assert set(found) == {condition}
+    assert "EM1 and EM17 at 33.9°" in found[condition].note
+
+
+def test_a_gap_that_is_too_narrow_to_turn_in_is_refused():
+    gap = next(c.value for c in haptorb.load("pmsm").build_checks if c.condition == "gap between rotor and stator")
+    assert gap == pytest.approx(67.9e-3 - 2.54e-3 - np.hypot(56.8e-3 + 3.81e-3, 15.88e-3), abs=1e-9)
+    found = refuse('[magnets]\ndistance = "65.6 mm"', '[sensors]\ndistance = "61.7 mm"')
+    assert set(found) == {"gap between rotor and stator"}
+    assert found["gap between rotor and stator"].value > 0
