@@ -12,7 +12,11 @@ from haptorb.errors import DeviceError
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.wire import WireLayers, wind
 
-__all__ = ["BuildCheck", "BuildError", "check_wire", "format_bound", "refuse_unbuildable"]
+__all__ = [
+    "CERTAIN", "BuildCheck", "BuildError", "check_wire", "compare_fill", "format_bound", "refuse_unbuildable",
+]  # fmt: skip
+
+CERTAIN = 2.0  #: standard uncertainties within which two statements agree
 
 
 def format_bound(value: float, unit: str) -> str:
@@ -114,3 +118,13 @@ def check_wire(
         note=f"{coil.turns:g} turns of {wire}: {layers.layers} layers of {layers.per_layer}",
     )  # fmt: skip
     return check, layers
+
+
+def compare_fill(name: str, made: float, stated: float, spread: float) -> BuildCheck:
+    """Whether the resistance that a winding's `fill` makes agrees with the stated one [Ω]; `spread`: its relative
+    standard uncertainty."""
+    return BuildCheck(
+        "wire with the stated resistance", f"{name}, relative difference of the two", abs(made / stated - 1),
+        CERTAIN * spread, "1", "correct coils.resistance or windings.fill, or increase uncertainty.resistance",
+        note=f"windings.fill makes {made:.3g} Ω instead of {stated:.3g} Ω",
+    )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, cap_directions, fields
 from haptorb.compiled import kernel
 from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, WrenchMap, rotation_to_axis
-from haptorb.devices.build_checks import BuildCheck, check_wire
+from haptorb.devices.build_checks import BuildCheck, check_wire, compare_fill
 from haptorb.devices.electromagnet import DomeContact, Hand
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, list_assumed
 from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
@@ -250,6 +250,7 @@ class PlacedCoils:
     inner_radius: Array  #: (m,) [m]
     outer_radius: Array  #: (m,) [m]
     length: Array  #: (m,) along the axis [m]
+    copper_share: float | None = None  #: of each section, if the file states it [1]
 
     def coil(self, number: int) -> Coil:
         """Coil `number`, from 0, in its own frame."""
@@ -266,7 +267,8 @@ class PlacedCoils:
         return reach
 
     def complete(self, coils: Coils, core: SoftSphere | None, fill: float) -> Coils:
-        """`coils` with resistance, inductance and heat capacity of these windings, of which copper fills `fill`.
+        """`coils` with what they lack (NaN) of resistance, inductance and heat capacity: those of these windings, of
+        which copper fills `fill`.
 
         A core adds what its moment m in the winding's field B at its centre sends back through the winding, m·B per
         ampere squared; its higher harmonics are left out. The heat capacity is the mean of all windings, as a device
@@ -280,8 +282,12 @@ class PlacedCoils:
                 inductance[number] += float(core.moment_in(field) @ field)
         capacity = float(np.mean([one.heat_capacity(fill) for one in made]))
         resistance = self.fill(replace(coils, resistance=np.ones(len(made)))) / fill
+        keep = np.isfinite([coils.resistance[0], coils.inductance[0], coils.heat.winding_capacity])
         return replace(
-            coils, resistance=resistance, inductance=inductance, heat=replace(coils.heat, winding_capacity=capacity)
+            coils,
+            resistance=coils.resistance if keep[0] else resistance,
+            inductance=coils.inductance if keep[1] else inductance,
+            heat=coils.heat if keep[2] else replace(coils.heat, winding_capacity=capacity),
         )
 
     def fill(self, coils: Coils) -> Array:
@@ -290,9 +296,12 @@ class PlacedCoils:
         share: Array = np.array([one.resistance(1.0, coils.copper_resistivity) for one in made]) / coils.resistance
         return share
 
-    def check_wires(self, coils: Coils) -> list[BuildCheck]:
-        """Whether the wire that gives the resistances of `coils` fits in layers in each winding; one check for all that
-        are alike."""
+    def check_wires(self, coils: Coils, spread: float) -> list[BuildCheck]:
+        """Whether the wire that gives the resistances of `coils` fits in layers in each winding, and whether they are
+        those that a stated share of copper makes; one check for all that are alike.
+
+        spread: relative standard uncertainty of the resistances.
+        """
         kinds: dict[tuple[float, ...], list[str]] = {}
         for size, resistance, name in zip(self._sizes, coils.resistance.tolist(), coils.names, strict=True):
             kinds.setdefault((*map(float, size), resistance), []).append(name)
@@ -304,6 +313,9 @@ class PlacedCoils:
             name = f"coil {names[0]}" if len(names) == 1 else f"coils {names[0]} to {names[-1]}"
             origin = ", the wire that gives coils.resistance"
             found.append(check_wire(name, coil, copper, overall_diameter(copper), origin)[0])
+            if self.copper_share is not None:
+                made = coil.resistance(self.copper_share, coils.copper_resistivity)
+                found.append(compare_fill(name, made, float(coils.resistance[number]), spread))
         return found
 
     @property
@@ -544,7 +556,7 @@ class CoilArray(Device):
         """What must hold for this device to be buildable: the wire in each winding, and room for windings and tool."""
         return (
             *super().build_checks,
-            *self.windings.check_wires(self.coils),
+            *self.windings.check_wires(self.coils, self.uncertainty.resistance),
             *check_places(self),
             *check_magnets(self),
         )
@@ -646,7 +658,8 @@ def array_geometry(device: CoilArray) -> Geometry:
     notes = ["not stated in the device file: the handle around the tool's magnets"]
     reach = None
     if surface.is_dome:
-        balls.append(Ball("dome", "dome", surface.dome_radius))
+        inside = surface.dome_radius - surface.wall if surface.wall else 0.0
+        balls.append(Ball("dome", "dome", surface.dome_radius, inside))
         contact = device.contact_height
         reach = Reach("tool", surface.half_angle, contact, contact + surface.thickness)
     else:

@@ -83,9 +83,8 @@ class PlacedCoilsSection(Section):
         q.Number | None,
         Field(gt=0, le=_MOST_FILL),
         m.Meaning(
-            "fill factor of copper in the windings' cross-section; if given, the windings instead of the file "
-            "determine "
-            "resistances, inductances and the windings' heat capacity"
+            "fill factor of copper in the windings' cross-section; if given, the windings determine what the file does "
+            "not state of resistances, inductances and heat capacity"
         ),
         m.Without("those of the file"),
     ] = None
@@ -104,7 +103,8 @@ class PlacedCoilsSection(Section):
         for inner, outer in zip(columns["inner_radius"], columns["outer_radius"], strict=True):
             check_wall(inner, outer)
         axes = np.array([_unit(axis, "windings.axis") for axis in columns.pop("axis")])
-        return PlacedCoils(axis=axes, **{key: np.array(values, dtype=np.float64) for key, values in columns.items()})
+        sizes = {key: np.array(values, dtype=np.float64) for key, values in columns.items()}
+        return PlacedCoils(axis=axes, **sizes, copper_share=self.fill)
 
 
 class SoftCoreSection(Section):

@@ -184,6 +184,8 @@ def draw_section(axes: Any, geometry: Geometry, plane: SectionPlane) -> dict[str
             {"facecolor": CORE, "edgecolor": "0.3"} if solid else {"fill": False, "edgecolor": "0.2", "linewidth": 1.5}
         )
         entries[ball.name] = _add_circle(axes, 1e3 * ball.radius, style)
+        if ball.inner_radius:
+            _draw_wall(axes, 1e3 * ball.inner_radius, 1e3 * ball.radius)
     for part in geometry.round_parts:
         _draw_part(axes, part, plane, entries)
     for rod in geometry.rods:
@@ -193,6 +195,15 @@ def draw_section(axes: Any, geometry: Geometry, plane: SectionPlane) -> dict[str
         _draw_spots(axes, geometry.select_spots(role), plane, (role, marker, colour), entries)
     _section_view_finish(axes, geometry, plane)
     return entries
+
+
+def _draw_wall(axes: Any, inner: float, outer: float) -> None:
+    """The wall of a dome as the plane cuts it [mm]: a ring, filled lightly."""
+    from matplotlib.patches import Annulus
+
+    axes.add_patch(
+        Annulus((0.0, 0.0), outer, outer - inner, facecolor="0.85", edgecolor="0.2", linewidth=0.8, zorder=0)
+    )
 
 
 def _draw_part(axes: Any, part: RoundPart, plane: SectionPlane, entries: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from haptorb.devices.base import (
     require,
     rotation_to_axis,
 )
-from haptorb.devices.build_checks import BuildCheck, check_wire
+from haptorb.devices.build_checks import CERTAIN, BuildCheck, check_wire, compare_fill
 from haptorb.devices.electromagnet_model import (
     CoreDynamics,
     PassivePull,
@@ -91,7 +91,6 @@ ELECTROMAGNET = DeviceKind(
 
 
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
-_CERTAIN = 2.0  #: standard uncertainties within which two statements agree
 CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
 COILS_AS_POINTS = "coils are taken for points (no [windings] inside the dome): a third of the force may be wrong"
 PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
@@ -154,11 +153,14 @@ def check_windings(
             found.append(
                 BuildCheck(
                     "wire with the stated resistance", f"coil {name}, relative difference of the two",
-                    abs(made / stated - 1), _CERTAIN * spread, "1",
+                    abs(made / stated - 1), CERTAIN * spread, "1",
                     "correct coils.resistance, turns or wire, or increase uncertainty.resistance",
                     note=f"{layers.wire_length:.3g} m of wire: {made:.3g} Ω instead of {stated:g} Ω",
                 )
             )  # fmt: skip
+        if windings.copper_share is not None:
+            made, stated = windings.coils[k].resistance(windings.copper_share, resistivity), float(coils.resistance[k])
+            found.append(compare_fill(f"coil {name}", made, stated, spread))
     order, corners = np.argsort(windings.inner_radius).tolist(), windings.corners.tolist()
     for inside, outside in pairwise(order):
         found.append(
@@ -665,6 +667,7 @@ def electromagnet_geometry(device: SphericalElectromagnet) -> Geometry:
         "tool magnet", "magnet", place, np.array([0.0, 0.0, 1.0]), tool.inner_radius, tool.outer_radius, tool.length,
         polarity=1.0, moves=True,
     )  # fmt: skip
+    inside = device.dome_radius - device.dome_wall if device.dome_wall else 0.0
     notes = [
         f"not stated in the device file: the {'finger' if device.tool.worn else 'stylus'} around the tool's magnet"
     ]
@@ -672,7 +675,7 @@ def electromagnet_geometry(device: SphericalElectromagnet) -> Geometry:
         notes.insert(0, "not to scale: the windings' radii and lengths, as the device file has no [windings]")
     return Geometry(
         round_parts=(*_coils(device), magnet),
-        balls=(Ball("core", "core", device.core_radius), Ball("dome", "dome", device.dome_radius)),
+        balls=(Ball("core", "core", device.core_radius), Ball("dome", "dome", device.dome_radius, inside)),
         spots=(
             *(Spot(f"sensor {number}", "sensor", at) for number, at in enumerate(device.hall.positions, 1)),
             *(() if device.marks is None else

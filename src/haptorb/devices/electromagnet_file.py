@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -89,9 +90,8 @@ class WindingsSection(Section):
         q.Number | None,
         Field(gt=0, le=_MOST_FILL),
         m.Meaning(
-            "fill factor of copper in the windings' cross-section; if given, the windings instead of the file "
-            "determine moments, "
-            "resistances, inductances and the windings' heat capacity"
+            "fill factor of copper in the windings' cross-section; if given, the windings determine the moments, and "
+            "what the file does not state of resistances, inductances and heat capacity"
         ),
         m.Without("those of the file"),
     ] = None
@@ -119,7 +119,7 @@ class WindingsSection(Section):
         overall = None if self.wire_overall is None else np.array(self.wire_overall)
         turns, inner, length = (np.array(part) for part in (self.turns, self.inner_radius, self.length))
         if self.outer_radius is not None:
-            return Windings(turns, inner, np.array(self.outer_radius), length, wire, overall)
+            return Windings(turns, inner, np.array(self.outer_radius), length, wire, overall, self.fill)
         assert self.wire is not None
         thick = np.array([overall_diameter(one) for one in self.wire]) if overall is None else overall
         outer = []
@@ -248,6 +248,9 @@ class HandSection(Section):
     turn_stiffness: Annotated[q.TurnStiffness, Positive, m.Meaning("stiffness of the grip against rotation")]
 
 
+SENSOR_ERRORS = ("offset", "gain", "cross", "gain_drift", "offset_drift", "placement", "angle")
+
+
 class ElectromagnetFile(CommonFile):
     """A file of kind "spherical-electromagnet"."""
 
@@ -325,6 +328,30 @@ class ElectromagnetFile(CommonFile):
                 "electromagnet.moment_per_current is (nearly) singular: the coils' moments are linearly dependent"
             )
         return self
+
+    def list_idle(self) -> Iterator[tuple[str, str]]:
+        """Keys that change nothing, beside what else the file says, and why."""
+        windings, moments = self.windings, self.electromagnet.moment_per_current
+        if windings is not None and windings.fill is not None and moments is not None:
+            yield "electromagnet.moment_per_current", "windings.fill gives the moments"
+        if windings is not None and (moments is None or windings.fill is not None):
+            yield (
+                "uncertainty.moments",
+                "the moments are computed from [windings], whose [tolerance] tells their errors",
+            )
+        if not self.hall.positions:
+            for key in (
+                "offset",
+                "gain",
+                "cross",
+                "gain_drift",
+                "offset_drift",
+                "placement",
+                "angle",
+                "warming",
+                "range",
+            ):
+                yield f"hall.{key}", "hall.positions has no field sensor"
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalElectromagnet:
         """The device that this file describes; DeviceError with all mistakes.

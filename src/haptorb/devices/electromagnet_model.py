@@ -574,6 +574,7 @@ class Windings:
     length: Array  #: (3,) along each coil's own axis [m]
     wire: Array | None = None  #: (3,) diameter of the copper [m]; None: that which gives the coils' resistance
     wire_overall: Array | None = None  #: (3,) diameter over the enamel [m]; None: grade 1 of the standard
+    copper_share: float | None = None  #: of the section, if the file states that instead of the wire [1]
 
     @cached_property
     def coils(self) -> tuple[Coil, ...]:
@@ -703,7 +704,7 @@ class Windings:
     def complete(self, coils: Coils, core: SoftSphere, fill: float | None) -> Coils:
         """`coils` with what they lack (NaN) of resistance, inductance and heat capacity: those of these windings.
 
-        With `fill`, the share of the section that copper fills, all three are replaced; otherwise copper is the `wire`.
+        Copper fills the share `fill` of the section; without it, copper is the `wire`.
         The heat capacity is the mean of the three, as a device has one for all its channels. ValueError for a wire that
         does not fit between the flanges.
         """
@@ -711,7 +712,6 @@ class Windings:
         if fill is not None:
             resistance = np.array([coil.resistance(fill, resistivity) for coil in self.coils])
             capacity = np.array([coil.heat_capacity(fill) for coil in self.coils])
-            keep = np.zeros(3, dtype=bool)
         else:
             wires = self.wires(coils.resistance, resistivity).tolist()
             layers = [wind(one.turns, one.inner_radius, one.length, thick) for one, (_, thick) in
@@ -721,7 +721,7 @@ class Windings:
                 raise ValueError("windings.length is too short for one turn of windings.wire")
             resistance = np.array([rows.resistance(copper, resistivity) for rows, copper in known])
             capacity = np.array([rows.heat_capacity(copper) for rows, copper in known])
-            keep = np.isfinite([coils.resistance[0], coils.inductance[0], coils.heat.winding_capacity])
+        keep = np.isfinite([coils.resistance[0], coils.inductance[0], coils.heat.winding_capacity])
         mean = float(capacity.mean())
         return replace(
             coils,

@@ -43,6 +43,7 @@ class Ball:
     name: str
     role: str  #: "core": solid; "dome": a surface that the tool touches
     radius: float  #: [m]
+    inner_radius: float = 0.0  #: of a dome: where its wall ends inside; 0: no wall is stated [m]
 
 
 @final

@@ -164,6 +164,8 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             plain = {key: _strip_provenance(value, key, assumed) for key, value in tables.values.items()}
             file = file_class.model_validate(plain)
+            if tables.file is not None:
+                _refuse_idle(tables.file, file)
             digest = hashlib.sha256(tables.text.encode()).hexdigest()
             device: Device = replace(file.build(assumed, digest, override=override), text=tables.file)
     except BuildError as cause:  # whose device knows its name, but not the file that the person wrote
@@ -179,6 +181,23 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
     return device
+
+
+def _refuse_idle(text: DeviceText, file: Any) -> None:
+    """ValueError for a value of the file itself, not of its base, that changes nothing beside what else it says."""
+    inherited = text.inheritance
+    for key, reason in getattr(file, "list_idle", tuple)():
+        own = inherited is None or any(one == key or one.startswith(f"{key}.") for one in inherited.own)
+        if own and _is_stated(file, key):
+            raise ValueError(f"{key} has no effect: {reason}; leave it out")
+
+
+def _is_stated(file: Any, key: str) -> bool:
+    for part in key.split("."):
+        if part not in file.model_fields_set:
+            return False
+        file = getattr(file, part)
+    return True
 
 
 def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
@@ -250,6 +269,9 @@ def _load_with_base(
     raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
     try:
         below = _drop_keys(below, drop)
+        again = [key for key in drop if _has_key(raw, key) and not _is_table(raw, key)]
+        if again:
+            raise ValueError(f"drop: {quote(again[0])} has no effect: the file states this key itself; leave one out")
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
     return lay_over_base(below, raw), whole + content, {base: text, **found}
@@ -260,9 +282,23 @@ def _find_replaced(below: Mapping[str, Any], above: Mapping[str, Any]) -> list[s
     ours, theirs = above.get("windings"), below.get("windings")
     if not isinstance(ours, Mapping) or not isinstance(theirs, Mapping):
         return []
-    wire = ("wire", "wire_overall")
-    replaced = wire if "fill" in ours else ("fill",) if "wire" in ours else ()
-    return [f"windings.{key}" for key in replaced if key in theirs and key not in ours]
+    wire = ("windings.wire", "windings.wire_overall")
+    replaced = (*wire, *_OF_FILL) if "fill" in ours else ("windings.fill",) if "wire" in ours else ()
+    return [key for key in replaced if _has_key(below, key) and not _has_key(above, key)]
+
+
+#: What a variant that states `windings.fill` has of its windings, instead of what its base states
+_OF_FILL = (
+    "electromagnet.moment_per_current", "coils.resistance", "coils.inductance", "coils.heat.winding_capacity",
+)  # fmt: skip
+
+
+def _has_key(values: Any, key: str) -> bool:
+    for part in key.split("."):
+        if not isinstance(values, Mapping) or "value" in values or part not in values:
+            return False
+        values = values[part]
+    return True
 
 
 def _drop_keys(values: Mapping[str, Any], drop: Any) -> dict[str, Any]:
@@ -285,6 +321,12 @@ def _drop_keys(values: Mapping[str, Any], drop: Any) -> dict[str, Any]:
             raise ValueError(f"drop: the base device has no key {quote(key)}")
         del table[last]
     return kept
+
+
+def _is_table(values: Any, key: str) -> bool:
+    for part in key.split("."):
+        values = values[part]
+    return isinstance(values, Mapping) and "value" not in values
 
 
 def _read_base(base: str, name: str, bases: Mapping[str, str] | None) -> tuple[str, str]:
@@ -314,12 +356,17 @@ def _strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:
         if not isinstance(value["assumed"], str) or not value["assumed"].strip():
             raise InputError(f"{path}.assumed must give the reason for the value")
         assumed[path] = value["assumed"]
-    return _with_unit(value["value"], str(value["unit"])) if "unit" in value else value["value"]
+    return _with_unit(value["value"], str(value["unit"]), path) if "unit" in value else value["value"]
 
 
-def _with_unit(value: Any, unit: str) -> Any:
+def _with_unit(value: Any, unit: str, path: str) -> Any:
     if isinstance(value, list):
-        return [_with_unit(item, unit) for item in value]
+        return [_with_unit(item, unit, path) for item in value]
+    if isinstance(value, str):
+        raise InputError(
+            f"{path}.unit ({quote(unit)}) has no effect: the value {quote(value)} is a text with a unit of its own; "
+            "leave the unit out, or give the value as a number"
+        )
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (value, unit)
     return value

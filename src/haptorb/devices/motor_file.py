@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
@@ -373,6 +374,14 @@ class MotorFile(Section):
         m.Without("the defaults below"),
         Field(default_factory=MotorUncertainty),
     ]
+
+    def list_idle(self) -> Iterator[tuple[str, str]]:
+        """Keys that change nothing, beside what else the file says, and why."""
+        if self.regulator is None:
+            yield "uncertainty.regulator", "there is no [regulator]"
+        for one, other in (("magnets", "electromagnets"), ("electromagnets", "magnets")):
+            if getattr(self, one).multipole is not None and getattr(self, other).multipole is None:
+                yield f"{one}.multipole", f"the published model needs [{other}.multipole] too"
 
     def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> SphericalMotor:
         """The device that this file describes; DeviceError with all findings unless they are overridden."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.devices.drawing import SectionPlane, cut_part, split_poles
+from haptorb.devices.drawing import SectionPlane, cut_part, draw_section, split_poles
 from haptorb.devices.geometry import RoundPart
+from haptorb.devices.loader import parse
 
 
 def part(position=(0, 0, 0), axis=(0, 0, 1), inner=1.0, outer=2.0, length=3.0):
@@ -69,3 +70,15 @@ def test_the_north_half_is_at_the_end_that_the_polarity_says():
     assert north.position == pytest.approx([-1, 0, 0])
     assert south.position == pytest.approx([1, 0, 0])
     assert north.length == 2.0
+
+
+@pytest.mark.parametrize(("text", "wall"), [("", 1.5), ('[dome]\nwall = "1.2 mm"', 1.2), ('drop = ["dome.wall"]', 0.0)])
+def test_the_wall_of_the_dome_is_drawn_as_thick_as_it_is(text, wall):
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Annulus
+
+    device = parse(f'based_on = "omni"\nname = "own"\n{text}', "own")
+    axes = Figure().add_subplot()
+    draw_section(axes, device.geometry(), SectionPlane())
+    rings = [patch for patch in axes.patches if isinstance(patch, Annulus)]
+    assert [(ring.radii[0], ring.width) for ring in rings] == ([pytest.approx((30.0, wall))] if wall else [])
