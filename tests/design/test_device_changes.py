@@ -107,7 +107,7 @@ def test_one_choice_may_write_several_tables(tmp_path: Path) -> None:
     """The number of a coil array's coils: names, places and resistances go together."""
     places = '["0 mm", "0 mm", "-20 mm"], ["19 mm", "0 mm", "7 mm"], ["-10 mm", "16 mm", "7 mm"]'
     axes = "[0, 0, -1], [1, 0, 0.3], [-0.5, 0.8, 0.3]"
-    each = 'resistance = ["0.7 ohm", "0.7 ohm", "0.7 ohm"], inductance = ["1 mH", "1 mH", "1 mH"]'
+    each = 'resistance = ["0.72 ohm", "0.72 ohm", "0.72 ohm"], inductance = ["1 mH", "1 mH", "1 mH"]'
     count = f"""
 [parameters.count.choices.three]
 windings = {{ position = [{places}], axis = [{axes}], fill = 0.6 }}

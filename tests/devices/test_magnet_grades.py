@@ -95,7 +95,7 @@ def test_neighbours_with_like_poles_oppose_a_magnet_and_unlike_ones_help_it():
         ('[magnets]\ngrade = "N"\ngreatest_temperature = "20 degC"', KEPT, "M or stronger is needed"),
         ('[magnets]\ngrade = "AH"', SOLD, "series AH, stated"),
         ('[magnets]\npolarization = "1.55 T"', SOLD, "1.55 T"),
-        ('[regulator.rotor]\nlength = "0.3 mm"\n[magnets]\ngreatest_temperature = "160 degC"', KEPT, "regulator.rotor"),
+        ('[regulator.rotor]\nlength = "0.3 mm"\n[magnets]\ngreatest_temperature = "190 degC"', KEPT, "regulator.rotor"),
     ],
 )
 def test_magnets_that_lose_their_polarization_are_refused(tables, condition, words):

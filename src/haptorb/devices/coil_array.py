@@ -14,7 +14,7 @@ from haptorb.devices.base import Coils, Device, DeviceKind, Shell, State, Wrench
 from haptorb.devices.build_checks import BuildCheck, check_wire, compare_fill
 from haptorb.devices.electromagnet import DomeContact, Hand
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, list_assumed
-from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
+from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, charge_field, check_magnet, coil_field
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.turning_clearance import RoundBody
 from haptorb.devices.uncertainty import ArrayUncertainty
@@ -808,20 +808,22 @@ def check_magnets(device: CoilArray) -> list[BuildCheck]:
         x, y = (np.linspace(-half, half, _PLACES) for half in surface.half_width)
         places = np.array([[a, b, device.contact_height] for a in x for b in y])
         turns = np.broadcast_to(np.eye(3), (len(places), 3, 3))
-    coils = place_coils(device.windings)
+    windings = device.windings
     for number, magnet in enumerate(magnets, 1):
         own = rotation_to_axis(magnet.axis)
         low = magnet.position - np.sign(magnet.axis[2] or 1.0) * 0.5 * magnet.length * magnet.axis
         at = places + turns @ low
         axis = turns @ magnet.axis
-        driven = np.array([np.abs((coil.field(at) * axis).sum(axis=1)) for coil in coils])
+        driven = np.empty((device.channels, len(at)))
+        for k, (place, along) in enumerate(zip(windings.position, windings.axis, strict=True)):
+            frame = rotation_to_axis(along)
+            driven[k] = np.abs((coil_field(windings.coil(k), (at - place) @ frame) @ frame.T * axis).sum(axis=1))
         aside = 0.8 * magnet.outer_radius
         near = np.array([[0.0, 0, 0], [aside, 0, 0], [-aside, 0, 0], [0, aside, 0], [0, -aside, 0]]) @ own.T
         beside = np.zeros(len(near))
         for other in magnets:
             if other is not magnet:
-                frame = rotation_to_axis(other.axis)
-                beside -= other.body.field((magnet.position + near - other.position) @ frame) @ frame.T @ magnet.axis
+                beside -= charge_field(other.charges(3, 16), magnet.position + near) @ magnet.axis
         found += check_magnet(
             f"tool.magnets.{number}", "remanence", magnet.body, magnet.use, device.coils.heat.stop,
             float(beside.max()), float((device.driven_current @ driven).max()),

@@ -361,8 +361,8 @@ def _strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:
 
 def _with_unit(value: Any, unit: str, path: str) -> Any:
     if isinstance(value, list):
-        return [_with_unit(item, unit, path) for item in value]
-    if isinstance(value, str):
+        return [_with_unit(item, unit, "") for item in value]
+    if isinstance(value, str) and path:
         raise InputError(
             f"{path}.unit ({quote(unit)}) has no effect: the value {quote(value)} is a text with a unit of its own; "
             "leave the unit out, or give the value as a number"

@@ -20,7 +20,7 @@ from haptorb.devices.build_checks import BuildCheck, check_wire
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
-from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
+from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, charge_field, check_magnet, coil_field
 from haptorb.devices.motor_model import (
     Layout,
     MotorTables,
@@ -725,12 +725,14 @@ def _oppose_magnets(motor: SphericalMotor) -> float:
     aside, places, frames = 0.8 * magnet.radius, layout.positions, layout.frames
     own = np.array([[0.0, 0.0, 0.0], [aside, 0.0, 0.0], [-aside, 0.0, 0.0], [0.0, aside, 0.0], [0.0, -aside, 0.0]])
     at = np.einsum("iab,pb->ipa", frames, own) + places[:, None]  # (i, 5, 3)
+    faces = ChargedRing(magnet.radius, 0.0, magnet.length, magnet.polarization, radial=3, azimuth=12).rows
+    charged = np.einsum("iab,bk->iak", frames, faces[:3]) + places[:, :, None]
+    signed = motor.polarity[:, None] * faces[3]
     most = 0.0
     for i, sign in enumerate(motor.polarity):
         others = np.arange(len(layout)) != i
-        seen = (at[i][None] - places[others][:, None]) @ frames[others]
-        field = magnet.field(seen) @ np.swapaxes(frames[others], 1, 2)
-        along = np.tensordot(motor.polarity[others], field, 1) @ layout.directions[i]
+        rows = np.vstack([np.hstack(list(charged[others])), signed[others].ravel()])
+        along = charge_field(rows, at[i]) @ layout.directions[i]
         most = max(most, float((-np.sign(sign) * along).max()))
     return most
 
@@ -740,12 +742,12 @@ def _oppose_coils(motor: SphericalMotor) -> float:
 
     Over orientations of the whole workspace.
     """
-    coil, coils, magnets = motor.electromagnet, motor.electromagnets, motor.magnets
+    coils, magnets = motor.electromagnets, motor.magnets
     near = np.sign(coils.distance - magnets.distance) * motor.magnet.length / 2
     angle = np.pi * np.arange(_CHORD_STEPS + 1) / _CHORD_STEPS
     axis = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
     places = (magnets.distance + near) * axis - np.array([0.0, 0.0, coils.distance])
-    along = np.abs((coil.field(places) * axis).sum(axis=1))
+    along = np.abs((coil_field(motor.electromagnet, places) * axis).sum(axis=1))
     current = np.abs(motor.groups) @ motor.driven_current
     most = 0.0
     for part in np.array_split(workspace_sample(motor.workspace_tilt, 3, 24), 6):
@@ -760,29 +762,32 @@ def _oppose_rings(motor: SphericalMotor, regulator: Regulator) -> list[tuple[str
     phi, tilt = 2 * np.pi * np.arange(12) / 12, motor.workspace_tilt
     around = np.stack([np.cos(phi), np.sin(phi), np.zeros_like(phi)], axis=1)
     up, current = np.array([0.0, 0.0, 1.0]), np.abs(motor.groups) @ motor.driven_current
-    rings = ((regulator.stator_ring, regulator.stator_height * up), (regulator.rotor_ring, regulator.rotor_height * up))
-    points = [
-        np.concatenate([radius * around + above for radius in (ring.inner_radius, ring.outer_radius)])
-        for ring, above in rings
-    ]
-    on_base = on_rotor = 0.0
-    driven = [0.0, 0.0]
+    rings = (regulator.stator_ring, regulator.stator_height), (regulator.rotor_ring, regulator.rotor_height)
+    points, faces = [], []
+    for ring, height in rings:
+        points.append(
+            np.concatenate([radius * around + height * up for radius in (ring.inner_radius, ring.outer_radius)])
+        )
+        rows = ChargedRing(
+            ring.outer_radius, ring.inner_radius, ring.length, ring.polarization, radial=4, azimuth=36
+        ).rows.copy()  # fmt: skip
+        rows[2] += height
+        faces.append(rows)
+    other, driven = [0.0, 0.0], [0.0, 0.0]
     for R in rotation_from_euler(np.array([0.0, tilt, tilt]), np.array([0.0, 0.0, tilt]), np.zeros(3)):
-        # polarized along +Z of the stator, and along −z of the rotor
+        # polarized along +Z of the stator, and along −z of the rotor: what points along z opposes the rotor's
         seen = points[1] @ R.T
-        on_rotor = max(on_rotor, float((rings[0][0].field(seen - rings[0][1]) @ R[:, 2]).max()))
-        other = rings[1][0].field(points[0] @ R - rings[1][1]) @ R.T
-        on_base = max(on_base, float(other[:, 2].max()))
+        other[1] = max(other[1], float((charge_field(faces[0], seen) @ R[:, 2]).max()))
+        other[0] = max(other[0], float((charge_field(faces[1], points[0] @ R) @ R[2]).max()))
         for k, (places, axis) in enumerate(((points[0], up), (seen, R[:, 2]))):
-            total = np.zeros(len(places))
-            for amperes, frame, place in zip(current, motor.electromagnets.frames, motor.electromagnets.positions,
-                                             strict=True):  # fmt: skip
-                field = motor.electromagnet.field((places - place) @ frame) @ frame.T
-                total += amperes * np.abs(field @ axis)
-            driven[k] = max(driven[k], float(total.max()))
+            frames, centres = motor.electromagnets.frames, motor.electromagnets.positions
+            own = np.einsum("jba,pjb->pja", frames, places[:, None] - centres)
+            field = coil_field(motor.electromagnet, own.reshape(-1, 3)).reshape(own.shape)
+            along = np.abs(np.einsum("pja,jba,b->pj", field, frames, axis))
+            driven[k] = max(driven[k], float((along @ current).max()))
     return [
-        ("stator", regulator.stator_ring, (on_base, driven[0])),
-        ("rotor", regulator.rotor_ring, (on_rotor, driven[1])),
+        ("stator", regulator.stator_ring, (other[0], driven[0])),
+        ("rotor", regulator.rotor_ring, (other[1], driven[1])),
     ]
 
 
