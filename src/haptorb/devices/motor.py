@@ -703,7 +703,7 @@ def _check_sensors(motor: SphericalMotor, sensors: Sequence[_Ring], magnets: Seq
 # Fields against a motor's magnets: of the other magnets, of the regulator's other ring, and of the coils at their peak.
 
 
-_CHORD_STEPS = 90  #: angles between a magnet's and a coil's axis, from none to half a turn
+_CHORD_STEPS = 60  #: angles between a magnet's and a coil's axis, from none to half a turn
 
 
 def check_magnets(motor: SphericalMotor) -> list[BuildCheck]:
@@ -725,7 +725,7 @@ def _oppose_magnets(motor: SphericalMotor) -> float:
     aside, places, frames = 0.8 * magnet.radius, layout.positions, layout.frames
     own = np.array([[0.0, 0.0, 0.0], [aside, 0.0, 0.0], [-aside, 0.0, 0.0], [0.0, aside, 0.0], [0.0, -aside, 0.0]])
     at = np.einsum("iab,pb->ipa", frames, own) + places[:, None]  # (i, 5, 3)
-    faces = ChargedRing(magnet.radius, 0.0, magnet.length, magnet.polarization, radial=3, azimuth=12).rows
+    faces = ChargedRing(magnet.radius, 0.0, magnet.length, magnet.polarization, radial=2, azimuth=12).rows
     charged = np.einsum("iab,bk->iak", frames, faces[:3]) + places[:, :, None]
     signed = motor.polarity[:, None] * faces[3]
     most = 0.0
@@ -763,13 +763,13 @@ def _oppose_rings(motor: SphericalMotor, regulator: Regulator) -> list[tuple[str
     around = np.stack([np.cos(phi), np.sin(phi), np.zeros_like(phi)], axis=1)
     up, current = np.array([0.0, 0.0, 1.0]), np.abs(motor.groups) @ motor.driven_current
     rings = (regulator.stator_ring, regulator.stator_height), (regulator.rotor_ring, regulator.rotor_height)
-    points, faces = [], []
+    points, faces, tables = [], [], dict[float, Array]()
     for ring, height in rings:
         points.append(
             np.concatenate([radius * around + height * up for radius in (ring.inner_radius, ring.outer_radius)])
         )
         rows = ChargedRing(
-            ring.outer_radius, ring.inner_radius, ring.length, ring.polarization, radial=4, azimuth=36
+            ring.outer_radius, ring.inner_radius, ring.length, ring.polarization, radial=2, azimuth=30
         ).rows.copy()  # fmt: skip
         rows[2] += height
         faces.append(rows)
@@ -779,16 +779,31 @@ def _oppose_rings(motor: SphericalMotor, regulator: Regulator) -> list[tuple[str
         seen = points[1] @ R.T
         other[1] = max(other[1], float((charge_field(faces[0], seen) @ R[:, 2]).max()))
         other[0] = max(other[0], float((charge_field(faces[1], points[0] @ R) @ R[2]).max()))
-        for k, (places, axis) in enumerate(((points[0], up), (seen, R[:, 2]))):
-            frames, centres = motor.electromagnets.frames, motor.electromagnets.positions
-            own = np.einsum("jba,pjb->pja", frames, places[:, None] - centres)
-            field = coil_field(motor.electromagnet, own.reshape(-1, 3)).reshape(own.shape)
-            along = np.abs(np.einsum("pja,jba,b->pj", field, frames, axis))
-            driven[k] = max(driven[k], float((along @ current).max()))
+        for k, places in enumerate((points[0], seen)):
+            driven[k] = max(driven[k], float((_bound_coils(motor, places, tables) @ current).max()))
     return [
         ("stator", regulator.stator_ring, (other[0], driven[0])),
         ("rotor", regulator.rotor_ring, (other[1], driven[1])),
     ]
+
+
+def _bound_coils(motor: SphericalMotor, places: Array, tables: dict[float, Array]) -> Array:
+    """(n, coils) size of each coil's field per ampere [T/A] at `places` (n, 3) [m].
+
+    By tables over the angle from the coil's axis, one for each distance from the centre, which are kept in `tables`.
+    """
+    out = np.empty((len(places), len(motor.electromagnets)))
+    angle = np.pi * np.arange(_CHORD_STEPS + 1) / _CHORD_STEPS
+    axis = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    distances = np.round(np.linalg.norm(places, axis=1), 9)
+    for distance in np.unique(distances).tolist():
+        if distance not in tables:
+            seen = distance * axis - np.array([0.0, 0.0, motor.electromagnets.distance])
+            tables[distance] = np.linalg.norm(coil_field(motor.electromagnet, seen), axis=1)
+        at = distances == distance
+        between = np.arccos(np.clip(places[at] @ motor.electromagnets.directions.T / distance, -1.0, 1.0))
+        out[at] = np.interp(between, angle, tables[distance])
+    return out
 
 
 def measure_ring_pull(motor: SphericalMotor) -> float:

@@ -19,8 +19,8 @@ from haptorb.rotations import rotation_from_euler
 
 __all__ = ["RoundBody", "TiltedAxis", "find_clearance", "spread_angles", "tilted_axes"]
 
-_ALONG = 48  #: points along each side of a section
-_AROUND = 48  #: places along the arc of each point
+_ALONG = 24  #: points along each side of a section
+_AROUND = 24  #: places along the arc of each point
 _TILTS = 41  #: along each edge of the square of tilts
 
 
