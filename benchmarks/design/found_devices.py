@@ -29,6 +29,7 @@ from haptorb_papers.reproduce.zarate2020.hall_position import try_hall_tracker
 MOTOR = (
     *("heat_per_torque_squared", "continuous_torque", "peak_torque", "torque_isotropy", "envelope_radius", "clearance"),
     *("spacing", "magnet_volume", "copper", "coil_stress", "orientation_error"),
+    *("regulator_error", "regulator_hold", "regulator_volume", "regulator_pull"),
 )
 CORE = (
     *("core_pull", "continuous_force", "continuous_radial_force", "peak_force", "heat_per_force_squared", "copper"),

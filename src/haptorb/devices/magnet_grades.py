@@ -179,7 +179,7 @@ def check_magnet(
     return [
         BuildCheck(
             "magnets that the series is sold with", f"{name}, {key}", remanence, series.greatest_remanence, "T",
-            "reduce it, or take a series with fewer letters", note=f"series {series.letters}, {origin}",
+            "reduce it, or take a weaker series, which is sold with more", note=f"series {series.letters}, {origin}",
         ),
         BuildCheck(
             "magnets that keep their polarization", f"{name}, field strength against it", value, series.knee(warm),

@@ -288,4 +288,4 @@ def test_two_rings_of_the_regulator_that_meet_are_refused():
     with pytest.raises(BuildError) as refused:
         parse(f'based_on = "pmsm"\nname = "own"\n{base}', "own")
     found = {check.condition for check in refused.value.failures}
-    assert found == {"regulator's ring on the rotor free to move", "magnets free to move"}
+    assert found >= {"regulator's ring on the rotor free to move", "magnets free to move"}
