@@ -35,6 +35,21 @@ def test_a_ring_is_a_cylinder_without_one():
     )
 
 
+@pytest.mark.parametrize(
+    "magnet",
+    [RingMagnet(51.4e-3, 45e-3, 1.5e-3, 1.3), RingMagnet(54e-3, 47e-3, 0.1e-3, 1.3), RingMagnet(6e-3, 2.5e-3, 24e-3, 1.35),
+     RingMagnet(0.145, 0.116, 14.5e-3, 1.3), CylinderMagnet(15.875e-3, 5.08e-3, 1.31)],
+)  # fmt: skip
+def test_the_field_strength_in_a_magnet_is_that_of_its_closed_form(magnet):
+    """By the compiled field of currents on its walls, which no device file is read with, at a fine grid within it."""
+    wall = magnet.outer_radius - magnet.inner_radius
+    rho, z = np.meshgrid(
+        magnet.inner_radius + wall * np.linspace(0.03, 0.9, 30), 0.45 * magnet.length * np.linspace(-1, 1, 11)
+    )
+    field = magnet.field(np.stack([rho.ravel(), np.zeros(rho.size), z.ravel()], axis=1))[:, 2]
+    assert own_field(magnet) == pytest.approx((magnet.polarization - field).max() / MU0, rel=0.01)
+
+
 def test_coercivity_falls_as_that_of_a_measured_magnet():
     """N48SH, published: 21.06 kOe at 20 °C, 6.29 kOe at 150 °C."""
     known = choose_series(1.38, "SH")

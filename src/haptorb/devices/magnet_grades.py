@@ -66,7 +66,7 @@ SERIES = (
 _SQUARENESS = 0.9  #: H_k / H_cJ: where J is 10 % lower; sintered NdFeB has at least this
 _REFERENCE = 293.15  #: [K]
 _REMANENCE_DRIFT = -1.2e-3  #: of all of them, relative [1/K]
-_TURN, _PIECES = 360, 48  #: points around a face, and pieces of a loop
+_TURN, _PIECES = 80, 48  #: points around half a face, and pieces of a loop
 _RADII, _HEIGHTS = (0.03, 0.25, 0.5, 0.75, 0.9), (-0.9, -0.5, 0.0, 0.5, 0.9)  #: of a wall and of half a length
 
 Letters = Annotated[
@@ -121,16 +121,22 @@ def own_field(magnet: CylinderMagnet | RingMagnet) -> float:
 def _face_strength(magnet: CylinderMagnet | RingMagnet, rho: Array, depth: Array) -> Array:
     """(n,) field strength along the axis, at `depth` [m] below a face of unit charge per area, off the axis by `rho`.
 
-    The integral over the radius in closed form, that around the axis as a sum. A device is read without compiled code.
+    The integral over the radius in closed form, that around the axis at Gauss's points, which crowd where the face is
+    near (φ = w sinh u). A device is read without compiled code.
     """
-    cosine = np.cos(2 * np.pi * (np.arange(_TURN) + 0.5) / _TURN)
+    nodes, weights = np.polynomial.legendre.leggauss(_TURN)
+    w = (depth / np.hypot(rho, depth))[:, None]
+    most = np.arcsinh(np.pi / w)
+    u = 0.5 * most * (1 + nodes)
+    share = 0.5 * most * weights * w * np.cosh(u) / np.pi  # of half a turn
+    cosine = np.cos(w * np.sinh(u))
     b, c = rho[:, None] * cosine, (rho**2 + depth**2)[:, None]
 
     def primitive(r: float) -> Array:
         found: Array = (b * r - c) / ((c - b * b) * np.sqrt(r * r - 2 * r * b + c))
         return found
 
-    total: Array = (primitive(magnet.outer_radius) - primitive(magnet.inner_radius)).mean(axis=1)
+    total: Array = (share * (primitive(magnet.outer_radius) - primitive(magnet.inner_radius))).sum(axis=1)
     return 0.5 * depth * total
 
 
