@@ -37,8 +37,9 @@ def test_a_ring_is_a_cylinder_without_one():
 
 @pytest.mark.parametrize(
     "magnet",
-    [RingMagnet(51.4e-3, 45e-3, 1.5e-3, 1.3), RingMagnet(54e-3, 47e-3, 0.1e-3, 1.3), RingMagnet(6e-3, 2.5e-3, 24e-3, 1.35),
-     RingMagnet(0.145, 0.116, 14.5e-3, 1.3), CylinderMagnet(15.875e-3, 5.08e-3, 1.31)],
+    [RingMagnet(51.4e-3, 45e-3, 1.5e-3, 1.3), RingMagnet(54e-3, 47e-3, 0.1e-3, 1.3),
+     RingMagnet(6e-3, 2.5e-3, 24e-3, 1.35), RingMagnet(0.145, 0.116, 14.5e-3, 1.3),
+     CylinderMagnet(15.875e-3, 5.08e-3, 1.31)],
 )  # fmt: skip
 def test_the_field_strength_in_a_magnet_is_that_of_its_closed_form(magnet):
     """By the compiled field of currents on its walls, which no device file is read with, at a fine grid within it."""
