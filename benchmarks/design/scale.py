@@ -31,10 +31,10 @@ from typing import Any
 
 from haptorb_design.design_file import load_design
 from haptorb_design.problem import Design, Evaluation, Value
-from haptorb_design.results_table import store_candidates
 from haptorb_design.sampling import sample, sweep
 from haptorb_design.search import Optimiser, optimise
 from haptorb_design.store import open_results
+from haptorb_design.tally import store_candidates
 from haptorb_design.workers import open_processes
 
 MANY = 10_000

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from haptorb_study.columns import Columns
 from haptorb_study.order import plan, procedure_of
-from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.statistics.psychometric import LevelCounts
 from haptorb_study.study_file import Study, study_of
 

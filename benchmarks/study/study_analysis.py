@@ -22,7 +22,7 @@ from scipy.special import ndtr
 from haptorb_study.analysis.analysis import analysis_of
 from haptorb_study.analysis.report import write_report
 from haptorb_study.database import database, trials
-from haptorb_study.procedures import Prompt
+from haptorb_study.prompts import Prompt
 from haptorb_study.statistics.population import fit_group
 from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 from haptorb_study.stored_session import StoredSession

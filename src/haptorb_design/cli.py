@@ -17,8 +17,8 @@ from haptorb.terminal import CommandLine, announce_wait, make_console, make_prog
 
 if TYPE_CHECKING:
     from haptorb_design.problem import Design, Evaluation
-    from haptorb_design.results_table import Tally
     from haptorb_design.store import ResultsWriter
+    from haptorb_design.tally import Tally
 
 __all__ = [
     "FileArgument",
@@ -80,7 +80,7 @@ def open_run(
 
 def store_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design, total: int, into: str) -> Tally:
     """Store a run of at most `total` candidates with a progress bar. ^C: report what is stored, exit code 130."""
-    from haptorb_design.results_table import store_candidates
+    from haptorb_design.tally import store_candidates
 
     with _explain_interrupt(writer, total, into):
         return store_candidates(writer, found, design, total)

@@ -22,11 +22,12 @@ from haptorb.display import format_number
 from haptorb.errors import InputError
 from haptorb.files import open_regular, replace_files
 from haptorb.version import __version__
-from haptorb_design.analysis import MIN_DESIGNS, RULES, Sensitivity, estimate_sensitivity
 from haptorb_design.evaluate import find_base
+from haptorb_design.pareto_front import RULES
 from haptorb_design.problem import build_device, write_device_text
 from haptorb_design.results_table import ResultsColumn, ResultsTable
 from haptorb_design.sampling import METHODS
+from haptorb_design.sensitivity import MIN_DESIGNS, Sensitivity, estimate_sensitivity
 from haptorb_design.store import read_results
 
 __all__ = [

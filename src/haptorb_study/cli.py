@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from haptorb.runtime.servo import Servo
     from haptorb.web.server import PageAddress
-    from haptorb_study.order import OrderSummary
+    from haptorb_study.order_summary import OrderSummary
     from haptorb_study.pages.session_manager import SessionManager
     from haptorb_study.study_file import Study
 
@@ -95,7 +95,7 @@ def participants(
     """List the codes in use, the states of their sessions, and a free code."""
     from haptorb_study.codes import next_code
     from haptorb_study.columns import read_study
-    from haptorb_study.copies import describe_kind, read_contents
+    from haptorb_study.data_kind import describe_kind, read_contents
     from haptorb_study.database import database, list_participants
 
     engine = database(db, make=False)
@@ -142,7 +142,7 @@ def analyse(
 ) -> None:
     """Analyse the answers: confusion, accuracy, error over θ, psychometric curves; write an HTML report."""
     from haptorb_study.analysis.analysis import analysis_of
-    from haptorb_study.copies import check_kind
+    from haptorb_study.data_kind import check_kind
 
     if figures not in ("svg", "png"):
         raise InputError(f"--figures must be svg or png; got '{figures}'")
@@ -203,8 +203,9 @@ def figures(
 ) -> None:
     """Draw all figures for a paper: vector graphics, colour-blind safe, fonts embedded, with captions."""
     from haptorb_study.analysis.analysis import analysis_of
-    from haptorb_study.analysis.paper_figures import KINDS, PaperSize, write_figures
-    from haptorb_study.copies import check_kind
+    from haptorb_study.analysis.paper_figures import KINDS, write_figures
+    from haptorb_study.analysis.paper_style import PaperSize
+    from haptorb_study.data_kind import check_kind
 
     if kind not in KINDS:
         raise InputError(f"--format must be {', '.join(KINDS)}; got '{kind}'")
@@ -222,7 +223,8 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier export of this study.")] = False,
 ) -> None:
     """Export all trials, one row each: CSV, Parquet, or a BIDS folder, with a data dictionary."""
-    from haptorb_study.copies import check_kind, record_copy
+    from haptorb_study.copies import record_copy
+    from haptorb_study.data_kind import check_kind
     from haptorb_study.database import database
     from haptorb_study.export import check_output, export_study
 
@@ -320,8 +322,9 @@ def check(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
-    from haptorb_study.order import has_set_points, summarize_order
+    from haptorb_study.order_summary import summarize_order
     from haptorb_study.study_file import read_study
+    from haptorb_study.trial_lists import has_set_points
 
     known = read_study(file)
     order = summarize_order(known, people)
@@ -359,7 +362,7 @@ def simulate(
     seed: Annotated[int, typer.Option(help="Seed of the simulated participants.")] = 0,
 ) -> None:
     """Rehearse the study with SIMULATED participants. Their answers are not evidence about people."""
-    from haptorb_study.copies import check_contents
+    from haptorb_study.data_kind import check_contents
     from haptorb_study.database import database
     from haptorb_study.simulated.rehearsal import rehearse
     from haptorb_study.study_file import read_study
@@ -473,7 +476,7 @@ def run(
     from haptorb.runtime.linux import require_linux
     from haptorb.web.server import PageAddress
     from haptorb_study.codes import check_code
-    from haptorb_study.copies import check_contents
+    from haptorb_study.data_kind import check_contents
     from haptorb_study.database import database
     from haptorb_study.recordings import find_recording_path, name_parts
     from haptorb_study.study_file import read_study

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
     from haptorb.web.server import PageAddress
     from haptorb_study.feel import Candidate, Candidates, FeelSession
-    from haptorb_study.feel.live_session import LiveSession, TrueScale
+    from haptorb_study.feel.live_session import LiveSession
+    from haptorb_study.feel.torque_scale import TrueScale
 
 __all__ = ["feel_with_console", "feel_without_console", "find_scale", "list_feel_sections", "register"]
 
@@ -83,7 +84,8 @@ def feel(
     from haptorb_study.feel import FeelSession
     from haptorb_study.feel.live_session import LiveSession
     from haptorb_study.feel.report import write_report
-    from haptorb_study.feel.session import FELT, check_person
+    from haptorb_study.feel.session import check_person
+    from haptorb_study.feel.trace import FELT
     from haptorb_study.feel_limits import DesignChoice
 
     require_linux("`haptorb feel`")
@@ -145,7 +147,7 @@ def _scores(given: list[str], candidates: Candidates) -> dict[str, int]:
 
 
 def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, json: bool) -> None:
-    from haptorb_study.feel.report import comparison, plot_comparison
+    from haptorb_study.feel.comparison import comparison, plot_comparison
 
     table = comparison(candidates, session)
     if plot is not None:
@@ -185,7 +187,7 @@ def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates
     from haptorb.control.linkage import MOTOR_GAINS
     from haptorb.devices.loader import load
     from haptorb.worlds.user_world import try_world
-    from haptorb_study.feel.live_session import TrueScale
+    from haptorb_study.feel.torque_scale import TrueScale
 
     motor = load(device)
     scale = TrueScale.of(motor, MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0])))
@@ -207,7 +209,7 @@ def feel_without_console(
     store: FeelSession, design: Candidate, device: str, seconds: float, person: str, score: int | None
 ) -> None:
     """Let a simulated hand pull `design` out and push it back; store the trace, and `score` if given."""
-    from haptorb_study.feel.session import Trace, trace_rows
+    from haptorb_study.feel.trace import Trace, trace_rows
 
     servo = _servo(device, design, store.candidates)
     with servo:
@@ -231,7 +233,9 @@ def feel_with_console(
     from haptorb.web.server import freeze_garbage
     from haptorb.web.session import target_scene
     from haptorb.worlds.base import values as parameter_values
-    from haptorb_study.feel.live_session import HELP, DesignPanel, read_lines, wait_for_lines, world_key
+    from haptorb_study.feel.design_panel import DesignPanel
+    from haptorb_study.feel.terminal_commands import HELP, read_lines, wait_for_lines
+    from haptorb_study.feel.trace_collector import world_key
 
     for design in live.designs:  # computed before the servo starts, so that the hand does not wait
         target_scene(name_of(design.world), parameter_values(design.world))

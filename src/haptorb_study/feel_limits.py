@@ -21,7 +21,7 @@ from haptorb.runtime.linux import start_python
 
 if TYPE_CHECKING:
     from haptorb_study.feel import Candidate, Candidates
-    from haptorb_study.feel.live_session import ScaleLimits, TrueScale
+    from haptorb_study.feel.torque_scale import ScaleLimits, TrueScale
 
 __all__ = ["DesignChoice", "StabilityCheck", "find_limits"]
 
@@ -119,7 +119,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
     """
     from haptorb.cli.check_world import ENOUGH
     from haptorb_study.feel import course
-    from haptorb_study.feel.live_session import ScaleLimits
+    from haptorb_study.feel.torque_scale import ScaleLimits
 
     peaks = [max(run.going_in.max(), run.coming_out.max()) for run in map(course, designs)]
     full = scale.find_saturation(float(max(peaks)))

@@ -25,7 +25,8 @@ from sqlalchemy.engine import Engine
 from haptorb.errors import InputError, RecordingError
 from haptorb.sql import make_engine, mask_password, url_of
 from haptorb_study.codes import check_code, fold_spelling, is_reserved
-from haptorb_study.copies import describe_kind, read_contents, record_copy
+from haptorb_study.copies import record_copy
+from haptorb_study.data_kind import describe_kind, read_contents
 from haptorb_study.database import (
     contents,
     copies,

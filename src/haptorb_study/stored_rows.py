@@ -15,7 +15,7 @@ from sqlalchemy.types import NullType
 
 from haptorb.errors import RecordingError, quote
 from haptorb.files import parse_json
-from haptorb_study.procedures import Prompt
+from haptorb_study.prompts import Prompt
 
 __all__ = ["MAX_PLAN_CHARACTERS", "check_rows"]
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from haptorb.devices import schema as m
 from haptorb.errors import InputError, quote
-from haptorb_study.procedures import SCALE
+from haptorb_study.prompts import SCALE
 
 __all__ = [
     "Condition",

@@ -12,7 +12,7 @@ from haptorb.control.trips import CoilState, GuardState, Trip
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.errors import InputError
 from haptorb.runtime.trackers.pose_filter import describe_trip
-from haptorb_study.procedures import Prompt
+from haptorb_study.prompts import Prompt
 from haptorb_study.study_file import Study
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.errors import InputError
-from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.stop_switch import StopCount, StopSwitch
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_tables import Question

@@ -19,7 +19,8 @@ from haptorb.errors import HaptorbError, RecordingError
 from haptorb.sql import mask_password
 from haptorb_study.codes import find_other_spelling
 from haptorb_study.columns import read_study
-from haptorb_study.copies import Copy, check_kind, list_copies
+from haptorb_study.copies import Copy, list_copies
+from haptorb_study.data_kind import check_kind
 from haptorb_study.database import (
     database,
     events,

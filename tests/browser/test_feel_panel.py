@@ -11,7 +11,8 @@ import haptorb_study.feel
 from browser.screen_check import find_faults
 from haptorb.web.console import Console
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.live_session import DesignPanel, LiveSession
+from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.live_session import LiveSession
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

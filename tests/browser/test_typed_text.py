@@ -19,7 +19,8 @@ import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.database import database
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.live_session import DesignPanel, LiveSession
+from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.live_session import LiveSession
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.study_server import StudyServer
 from haptorb_study.study_file import study_of

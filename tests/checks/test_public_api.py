@@ -19,7 +19,7 @@ from numpydoc.docscrape import get_doc_object
 from numpydoc.validate import Validator, validate
 from pydantic import BaseModel
 
-from haptorb_study.export import make_python_script
+from haptorb_study.export_scripts import make_python_script
 from haptorb_study.study_file import study_of
 from haptorb_study.template import TEMPLATES, make_study_text
 

@@ -28,7 +28,7 @@ from haptorb.recording import destination
 from haptorb.recording.recording import Recording
 from haptorb.runtime.world_change import change_world, parse_request, request
 from haptorb_study.columns import COLUMNS
-from haptorb_study.export import write_csv
+from haptorb_study.export_table import write_csv
 from haptorb_study.study_file import study_of
 
 ROOT = Path(__file__).resolve().parents[2]

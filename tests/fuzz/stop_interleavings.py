@@ -44,7 +44,7 @@ from haptorb.web import console_hub
 from haptorb.worlds import find_world
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.socket_hub import StudyPage, StudySocketHub
-from haptorb_study.procedures import Prompt
+from haptorb_study.prompts import Prompt
 from haptorb_study.study_file import study_of
 
 RATE, START = 1000.0, 1_000_000_000

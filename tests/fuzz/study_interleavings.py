@@ -30,7 +30,7 @@ from haptorb.recording.row import RowLayout
 from haptorb_study.order import plan, procedure_of
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.socket_hub import StudyPage, StudySocketHub
-from haptorb_study.procedures import Answer
+from haptorb_study.prompts import Answer
 from haptorb_study.study_file import Study, study_of
 
 STEPS = 40  #: of one interleaving

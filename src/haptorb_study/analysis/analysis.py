@@ -32,7 +32,7 @@ from haptorb_study.analysis.plan_report import PlanReport, SessionPlan, find_pla
 from haptorb_study.analysis.response_times import ResponseTime, find_response_times, list_response_times
 from haptorb_study.analysis.tracks import ConditionTracks, fit_tracks
 from haptorb_study.columns import Columns, read_study, select_kind, tidy
-from haptorb_study.copies import Kind
+from haptorb_study.data_kind import Kind
 from haptorb_study.database import database, participants, sessions
 from haptorb_study.incidents import Incident, list_incidents
 from haptorb_study.json_values import json_number, to_json

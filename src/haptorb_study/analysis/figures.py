@@ -11,7 +11,7 @@ from matplotlib.projections.polar import PolarAxes
 from haptorb_study.analysis.analysis import Analysis
 from haptorb_study.analysis.error_by_latitude import name_error
 from haptorb_study.analysis.number_format import format_range
-from haptorb_study.analysis.paper_figures import draw_open_interval
+from haptorb_study.analysis.paper_style import draw_open_interval
 from haptorb_study.set_points import PUBLISHED_ERRORS
 
 __all__ = ["draw_answers", "draw_confusion", "draw_curves", "draw_error", "figures"]

@@ -11,8 +11,10 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb_study.analysis.curves import effect_numbers
+from haptorb_study.bayesian import Bayesian
 from haptorb_study.columns import Columns
-from haptorb_study.procedures import Answer, Bayesian, Staircase
+from haptorb_study.prompts import Answer
+from haptorb_study.staircase import Staircase
 from haptorb_study.statistics.intervals import mean_interval
 from haptorb_study.statistics.person_fit import central_interval, find_median
 from haptorb_study.statistics.population import NormalEffect, fit_normal_effect

@@ -2,7 +2,9 @@
 
 from haptorb_study.feel.course import InsertionForces, course
 from haptorb_study.feel.designs import Candidate, Candidates, load_designs
-from haptorb_study.feel.session import Choice, DesignRating, FeelSession, Trace
+from haptorb_study.feel.records import Choice, DesignRating
+from haptorb_study.feel.session import FeelSession
+from haptorb_study.feel.trace import Trace
 
 __all__ = [
     "Candidate",

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from haptorb_study.incidents import name_kind
-from haptorb_study.order import ask_number
 from haptorb_study.pages.session_manager import SessionManager
-from haptorb_study.procedures import Prompt
+from haptorb_study.prompts import Prompt
 from haptorb_study.study_file import Study
 from haptorb_study.trial_device import TrialDevice
+from haptorb_study.trial_lists import ask_number
 
-__all__ = ["describe_study", "for_experimenter", "for_participant", "pen", "places"]
+__all__ = ["describe_study", "experimenter_view", "list_places", "participant_view", "pen_view"]
 
 
 _MAX_CODES = 100  #: shown at most, the newest
@@ -33,18 +33,18 @@ def describe_study(study: Study, simulated: bool) -> dict[str, Any]:
         "instructions": study.instructions,
         "consent": study.consent,
         "simulated": simulated,
-        "places": places(study) if study.procedure == "identification" else [],
+        "places": list_places(study) if study.procedure == "identification" else [],
         "limit": study.load_device().workspace_half_angle * 180 / np.pi,
         "mask": study.mask.model_dump() if study.mask is not None else None,
     }
 
 
-def places(study: Study) -> list[dict[str, float]]:
+def list_places(study: Study) -> list[dict[str, float]]:
     """Number and angles [deg] of every set-point."""
     return [{"number": p.number, "theta": p.theta_deg, "phi": p.phi_deg} for p in study.points]
 
 
-def for_participant(manager: SessionManager) -> dict[str, Any]:
+def participant_view(manager: SessionManager) -> dict[str, Any]:
     """State, task and progress; never the prompt, nor which interval holds the comparison.
 
     stopped      who stopped, "" if none did or the session was resumed since
@@ -85,9 +85,9 @@ def for_participant(manager: SessionManager) -> dict[str, Any]:
     return view
 
 
-def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
+def experimenter_view(manager: SessionManager, pages: int, draft: Any) -> dict[str, Any]:
     """Complete state: prompt, answers, trips and incidents."""
-    view = for_participant(manager) | {
+    view = participant_view(manager) | {
         "trouble": manager.trouble or ("the study program has failed and is closing" if manager.dead else ""),
         "pages": pages,
         "draft": draft,
@@ -112,7 +112,7 @@ def for_experimenter(manager: SessionManager, pages: int, draft: Any) -> dict[st
     return view
 
 
-def pen(trial_device: TrialDevice) -> dict[str, Any] | None:
+def pen_view(trial_device: TrialDevice) -> dict[str, Any] | None:
     """Tool seen from above [deg], and the force on it [N]: radial, and tangential along +x and +y."""
     position, force = trial_device.position, trial_device.force
     if position is None:

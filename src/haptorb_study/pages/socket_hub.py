@@ -18,10 +18,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from haptorb.errors import HaptorbError, InputError
 from haptorb.web.server import command as read_command
 from haptorb.web.server import is_stop_request
-from haptorb_study.order import MAX_MAGNITUDE
-from haptorb_study.pages.page_views import for_experimenter, for_participant, pen
+from haptorb_study.pages.page_views import experimenter_view, participant_view, pen_view
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.trial_viewers import TrialViewers
+from haptorb_study.trial_lists import MAX_MAGNITUDE
 
 __all__ = ["StudySocketHub"]
 
@@ -238,16 +238,16 @@ class StudySocketHub:
         manager = self._manager
         events: dict[str, Any] = {}
         if page.participant:
-            events["view"] = for_participant(manager) | {"watching": page is not self._participants[0]}
+            events["view"] = participant_view(manager) | {"watching": page is not self._participants[0]}
         else:
             session = manager.session
             draft = self._draft if session is not None and self._draft_of == session.number else None
-            events["view"] = for_experimenter(manager, len(self._participants), draft)
+            events["view"] = experimenter_view(manager, len(self._participants), draft)
             events["viewers"] = self.viewers.urls
         trial_device = manager.trial_device
         if trial_device is not None and (not page.participant or trial_device.simulated):
             with suppress(HaptorbError):
-                events["pen"] = pen(trial_device)
+                events["pen"] = pen_view(trial_device)
         return events
 
 

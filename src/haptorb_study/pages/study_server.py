@@ -19,7 +19,7 @@ from starlette.routing import Route, WebSocketRoute
 from haptorb.errors import InputError, ServoError
 from haptorb.web.access import AccessGate
 from haptorb.web.server import PageAddress, bind_socket, page_files, prioritize, respond, run_beside, server, signals
-from haptorb_study.pages.page_views import describe_study, places
+from haptorb_study.pages.page_views import describe_study, list_places
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.socket_hub import StudySocketHub
 
@@ -95,7 +95,7 @@ class StudyServer:
         # In the fragment (#), which browsers do not send: so it is in no request, log or referrer.
         self.experimenter = f"{where.url(self.port, 'experimenter')}#{token}"
         try:
-            everything = {"places": places(manager.study), **(more or {})}
+            everything = {"places": list_places(manager.study), **(more or {})}
             about = describe_study(manager.study, simulated)
             hub = StudySocketHub(manager, token, about, everything, participant_token)
             self._viewers = hub.viewers

@@ -17,10 +17,12 @@ from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.worlds.base import World
 from haptorb.worlds.dome import Dome, overlaps
-from haptorb_study.order import has_set_points, plan, procedure_of
-from haptorb_study.procedures import FixedOrder, InterleavedProcedures, Prompt
+from haptorb_study.order import plan, procedure_of
+from haptorb_study.procedures import FixedOrder, InterleavedProcedures
+from haptorb_study.prompts import Prompt
 from haptorb_study.set_points import SetPoint
 from haptorb_study.study_file import Study
+from haptorb_study.trial_lists import has_set_points
 
 __all__ = ["FELT_SHARE", "Forecast", "Overlap", "Unfelt", "find_unfelt", "forecast", "load_squared", "overlap"]
 

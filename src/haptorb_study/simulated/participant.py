@@ -29,7 +29,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.simulation.parts import GRAVITY
 from haptorb.worlds.base import World, WrenchPart
 from haptorb.worlds.dome import Dome
-from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.set_points import directions, nearest
 from haptorb_study.study_file import Study
 

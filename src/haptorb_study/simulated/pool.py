@@ -14,7 +14,8 @@ from haptorb.errors import InputError
 from haptorb_study.analysis.measures import PersonMeasures, list_thresholds
 from haptorb_study.columns import Columns, place_answers
 from haptorb_study.order import plan, procedure_of
-from haptorb_study.procedures import Answer, Procedure, Prompt
+from haptorb_study.procedures import Procedure
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.simulated.participant import Participant
 from haptorb_study.study_file import Study
 

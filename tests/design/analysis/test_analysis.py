@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata
 
-from haptorb_design.analysis import MIN_DESIGNS, choose_best, estimate_sensitivity, find_front
+from haptorb_design.pareto_front import choose_best, find_front
+from haptorb_design.sensitivity import MIN_DESIGNS, estimate_sensitivity
 
 
 @pytest.mark.parametrize(("count", "objectives"), [(1, 2), (200, 1), (300, 2), (300, 3)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from haptorb_design.problem import Evaluation
-from haptorb_design.results_table import Tally
+from haptorb_design.tally import Tally
 from oracles.designs.small_design import make_design
 
 

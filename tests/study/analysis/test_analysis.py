@@ -16,7 +16,7 @@ from haptorb_study.analysis.analysis import analyse, analysis_of
 from haptorb_study.analysis.report import page, write_report
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.procedures import Answer
+from haptorb_study.prompts import Answer
 from haptorb_study.statistics.intervals import mean_interval, wilson
 from haptorb_study.statistics.significance import binomial_tail
 from haptorb_study.stored_session import StoredSession

@@ -16,7 +16,8 @@ from matplotlib.text import Text
 from haptorb.cli import main
 from haptorb.errors import InputError, RecordingError
 from haptorb_study.analysis.analysis import Analysis, analysis_of
-from haptorb_study.analysis.paper_figures import COLOURS, DASHES, MARKERS, PaperSize, draw_figures, write_figures
+from haptorb_study.analysis.paper_figures import draw_figures, write_figures
+from haptorb_study.analysis.paper_style import COLOURS, DASHES, MARKERS, PaperSize
 from haptorb_study.database import database
 from haptorb_study.set_points import PUBLISHED_ERRORS
 from haptorb_study.simulated.rehearsal import rehearse

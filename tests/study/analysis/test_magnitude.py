@@ -13,9 +13,9 @@ from haptorb_study.analysis.comparison import compare_conditions
 from haptorb_study.analysis.magnitude import estimate_magnitudes
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.export import write_csv
+from haptorb_study.export_table import write_csv
 from haptorb_study.order import plan, procedure_of
-from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 

@@ -15,9 +15,10 @@ from haptorb_study.analysis.analysis import Analysis, analysis_of
 from haptorb_study.analysis.figures import figures
 from haptorb_study.analysis.report import page
 from haptorb_study.analysis.tables import print_summary
+from haptorb_study.bayesian import Bayesian
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.procedures import Answer, Bayesian
+from haptorb_study.prompts import Answer
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 

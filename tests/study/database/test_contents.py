@@ -11,9 +11,9 @@ from haptorb.cli import main
 from haptorb.errors import RecordingError
 from haptorb_study.analysis.analysis import analysis_of
 from haptorb_study.columns import tidy
-from haptorb_study.copies import read_contents
+from haptorb_study.data_kind import read_contents
 from haptorb_study.database import database
-from haptorb_study.procedures import Answer
+from haptorb_study.prompts import Answer
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study
 

@@ -11,9 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from haptorb_study.columns import COLUMNS, FLAGS, WORDS, Columns, describe_columns, describe_questions, tidy
+from haptorb_study.bids import write_bids
+from haptorb_study.columns import COLUMNS, Columns, tidy
+from haptorb_study.data_dictionary import FLAGS, WORDS, describe_columns, describe_questions
 from haptorb_study.database import database
-from haptorb_study.export import make_r_script, write_bids, write_csv, write_parquet
+from haptorb_study.export_scripts import make_r_script
+from haptorb_study.export_table import write_csv, write_parquet
 from haptorb_study.simulated.rehearsal import rehearse
 from haptorb_study.study_file import Study, study_of
 

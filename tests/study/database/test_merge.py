@@ -14,7 +14,7 @@ from haptorb_study.copies import back_up, record_copy
 from haptorb_study.database import database
 from haptorb_study.export import export_study
 from haptorb_study.merge import Renaming, merge_databases
-from haptorb_study.procedures import Answer
+from haptorb_study.prompts import Answer
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 from haptorb_study.withdraw import withdraw

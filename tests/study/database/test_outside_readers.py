@@ -15,10 +15,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from haptorb_study.bids import write_bids
 from haptorb_study.columns import COLUMNS, Columns, read_replies, tidy
 from haptorb_study.database import database
-from haptorb_study.export import write_bids, write_csv, write_parquet
-from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.export_table import write_csv, write_parquet
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 

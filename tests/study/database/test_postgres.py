@@ -15,7 +15,7 @@ from haptorb.errors import RecordingError
 from haptorb_study.columns import tidy
 from haptorb_study.database import SCHEMA, database
 from haptorb_study.merge import merge_databases
-from haptorb_study.procedures import Answer
+from haptorb_study.prompts import Answer
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 from haptorb_study.withdraw import withdraw

@@ -16,8 +16,8 @@ import pytest
 from haptorb.devices.base import State
 from haptorb.errors import InputError, RecordingError
 from haptorb_study.feel import FeelSession, Trace, designs, load_designs
-from haptorb_study.feel.report import comparison, plot_comparison
-from haptorb_study.feel.session import COLUMNS
+from haptorb_study.feel.comparison import comparison, plot_comparison
+from haptorb_study.feel.trace import COLUMNS
 
 EXAMPLE = Path(designs.__file__).with_name("example.toml")
 

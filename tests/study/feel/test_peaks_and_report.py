@@ -13,8 +13,10 @@ from haptorb.devices.base import State
 from haptorb.errors import RecordingError
 from haptorb.worlds import SnapFit
 from haptorb_study.feel import Candidate, FeelSession, Trace, course, load_designs
+from haptorb_study.feel.comparison import comparison
 from haptorb_study.feel.course import explain_peaks
-from haptorb_study.feel.report import PeakComparison, compare_peaks, comparison, make_report, write_report
+from haptorb_study.feel.peak_comparison import PeakComparison, compare_peaks
+from haptorb_study.feel.report import make_report, write_report
 
 EXAMPLE = Path(haptorb_study.feel.__file__).with_name("example.toml")
 FIRM = load_designs(EXAMPLE)["firm"]

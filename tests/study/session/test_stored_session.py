@@ -13,10 +13,11 @@ from sqlalchemy import Connection, inspect
 
 from haptorb.errors import InputError, RecordingError
 from haptorb_study import database as migrations
+from haptorb_study.bids import write_bids
 from haptorb_study.columns import COLUMNS, find_begun_version, read_replies, read_study, tidy
 from haptorb_study.database import SCHEMA, database, list_participants, lock_session
-from haptorb_study.export import write_bids, write_csv
-from haptorb_study.procedures import Answer
+from haptorb_study.export_table import write_csv
+from haptorb_study.prompts import Answer
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 

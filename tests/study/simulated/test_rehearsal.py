@@ -13,7 +13,7 @@ from haptorb_study.analysis.error_by_latitude import LatitudeError, measure_tool
 from haptorb_study.analysis.report import page
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.procedures import Answer, Prompt
+from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.set_points import PUBLISHED_ERRORS
 from haptorb_study.simulated.participant import Participant
 from haptorb_study.simulated.rehearsal import answer_rest, rehearse

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from haptorb.errors import InputError
-from haptorb_study.procedures import Answer, Bayesian, FixedOrder, ProcedureSequence, Prompt, Staircase
+from haptorb_study.bayesian import Bayesian
+from haptorb_study.procedures import FixedOrder, ProcedureSequence
+from haptorb_study.prompts import Answer, Prompt
+from haptorb_study.staircase import Staircase
 
 
 def stairs(intervals: tuple[int, ...], **more: object) -> Staircase:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb_study.procedures import Answer, Bayesian
+from haptorb_study.bayesian import Bayesian
+from haptorb_study.prompts import Answer
 
 
 def test_it_asks_what_the_library_asks() -> None:

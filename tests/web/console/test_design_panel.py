@@ -15,7 +15,8 @@ from websockets.sync.client import ClientConnection, connect
 import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.live_session import DesignPanel, LiveSession
+from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.live_session import LiveSession
 
 pytestmark = pytest.mark.realtime
 
