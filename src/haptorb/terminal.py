@@ -513,7 +513,7 @@ class HelpCommand(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As click's, with the value of `--device` moved to where a device stands; an option that takes one value and
         is given twice is an error: the first value would be lost."""
-        if any(parameter.name in _DEVICES for parameter in self.params):
+        if any(one.name in _DEVICES and one.param_type_name == "argument" for one in self.params):
             args = _move_device(args)
         _check_repeated(self, ctx, args)
         words = list(args)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import contextmanager
 from importlib.resources import files
 
 import pytest
@@ -128,6 +129,29 @@ def test_the_version(capsys):
     assert (code, out) == (0, f"haptorb {haptorb.__version__}\n")
 
 
+@pytest.mark.parametrize("words", [["--device", "arm"], ["--device=arm"]])
+def test_exec_gives_its_device_to_the_run_and_not_to_the_program(capsys, monkeypatch, words):
+    """There `--device` is an option: what stands behind `--` is the program's."""
+    from haptorb.cli import execute
+
+    given = []
+
+    class Run:
+        def execute(self, command, kit):
+            given.append(command)
+            return 0
+
+    @contextmanager
+    def open_run(options):
+        given.append(options)
+        yield Run()
+
+    monkeypatch.setattr(execute, "_open_run", open_run)
+    run_command(capsys, "exec", *words, "--headless", "--", "/bin/true", "--device", "mine")
+    assert given[0][:2] == ["run", "arm"]
+    assert given[1] == ["/bin/true", "--device", "mine"]
+
+
 @pytest.mark.parametrize("words", [["--device", "omi"], ["--device=omi"], ["omi"]])
 @pytest.mark.parametrize(
     "command", ["run", "inspect", "show", "check --world dome", "calibrate", "train", "hardware emulate",
@@ -150,7 +174,9 @@ def test_no_command_has_an_option_for_its_device():
         inner = getattr(command, "commands", {})
         return [leaf for one in inner.values() for leaf in leaves(one)] if inner else [command]
 
-    options = [opt for leaf in leaves(typer.main.get_command(app)) for parameter in leaf.params
+    # Of `exec` the argument is the program.
+
+    options = [opt for leaf in leaves(typer.main.get_command(app)) if leaf.name != "exec" for parameter in leaf.params
                for opt in parameter.opts if parameter.param_type_name == "option"]  # fmt: skip
     assert "--device" not in options
 

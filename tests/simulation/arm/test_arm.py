@@ -268,7 +268,8 @@ def test_a_file_that_cannot_be_is_refused(old: str, new: str, told: str) -> None
 
 
 def test_no_layer_above_its_parts_names_the_arm() -> None:
-    """What runs, records, replays, shows and serves devices knows the kind by its record only."""
+    """What runs, records, replays and shows devices knows the kind by its record only; the makers' interfaces are told
+    what it is by one registered function."""
     source = Path(haptorb.__file__).parent
     names = re.compile(r"devices\.arm|simulation\.arm|ArmFile|SimulatedArm|\bArm\b|[\"']arm[\"']")
     rooms = ("runtime", "recording", "replay", "web", "serve", "testing", "estimation", "terminal.py")
@@ -276,4 +277,5 @@ def test_no_layer_above_its_parts_names_the_arm() -> None:
         path for room in rooms for path in ([source / room] if room.endswith(".py") else (source / room).rglob("*.py"))
     ]
     assert len(files) > 60
-    assert [str(path) for path in files if names.search(path.read_text(encoding="utf-8"))] == []
+    found = [str(path.relative_to(source)) for path in files if names.search(path.read_text(encoding="utf-8"))]
+    assert set(found) <= {"serve/native.py"}
