@@ -24,6 +24,8 @@ WITHOUT_JSON = {
     "study export",
     "study backup",
     "hardware emulate",
+    "exec",
+    "libraries",
 }
 COMMAND = typer.main.get_command(app)
 
