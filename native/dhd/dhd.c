@@ -25,7 +25,9 @@ static _Thread_local char last_text[LINK_TEXT + 64];
 int dhd_fail(int error, const char *why)
 {
     last_error = error;
-    snprintf(last_text, sizeof last_text, "%s%s%s", dhdErrorGetStr(error), why == NULL ? "" : ": ", why == NULL ? "" : why);
+    if (why == NULL)
+        why = "";
+    snprintf(last_text, sizeof last_text, "%s%s%s", dhdErrorGetStr(error), why[0] != 0 ? ": " : "", why);
     return -1;
 }
 
@@ -580,7 +582,8 @@ EXPORT int dhdGetOrientationFrame(double matrix[3][3], char ID)
     return give_frame(dhd_read(ID, &state), state.rotation, matrix);
 }
 
-EXPORT int dhdGetPositionAndOrientationRad(double *px, double *py, double *pz, double *oa, double *ob, double *og, char ID)
+EXPORT int dhdGetPositionAndOrientationRad(double *px, double *py, double *pz, double *oa, double *ob, double *og,
+                                           char ID)
 {
     struct state state;
     const int answer = give_vector(dhd_read(ID, &state), state.position, 1.0, px, py, pz);
@@ -588,7 +591,8 @@ EXPORT int dhdGetPositionAndOrientationRad(double *px, double *py, double *pz, d
     return give_angles(answer, state.rotation, 1.0, oa, ob, og);
 }
 
-EXPORT int dhdGetPositionAndOrientationDeg(double *px, double *py, double *pz, double *oa, double *ob, double *og, char ID)
+EXPORT int dhdGetPositionAndOrientationDeg(double *px, double *py, double *pz, double *oa, double *ob, double *og,
+                                           char ID)
 {
     struct state state;
     const int answer = give_vector(dhd_read(ID, &state), state.position, 1.0, px, py, pz);
@@ -874,7 +878,8 @@ static int set_all(double fx, double fy, double fz, double tx, double ty, double
     if (device == NULL)
         return -1;
     if (drd_runs(device))
-        return dhd_fail(DHD_ERROR_DEVICE_IN_USE, "regulation runs: use drdSetForceAndTorqueAndGripperForce, or drdStop");
+        return dhd_fail(DHD_ERROR_DEVICE_IN_USE,
+                        "regulation runs: use drdSetForceAndTorqueAndGripperForce, or drdStop");
     return dhd_command(device, (double[]){fx, fy, fz}, (double[]){tx, ty, tz}, fg);
 }
 

@@ -39,7 +39,8 @@ bool drd_runs(const struct device *device)
 {
     const struct regulation *regulation = __atomic_load_n(&device->regulation, __ATOMIC_ACQUIRE);
 
-    return regulation != NULL && __atomic_load_n(&regulation->running, __ATOMIC_ACQUIRE) && regulation->process == getpid();
+    return regulation != NULL && __atomic_load_n(&regulation->running, __ATOMIC_ACQUIRE) &&
+           regulation->process == getpid();
 }
 
 /* ---- the controller's own thread ---- */
@@ -184,7 +185,8 @@ EXPORT bool drdIsSupported(char ID)
 {
     const struct device *device = dhd_device(ID);
 
-    return device != NULL && (device->link->facts->capabilities & HAS_BASE) != 0 && device->link->facts->stiffness_max > 0.0;
+    return device != NULL && (device->link->facts->capabilities & HAS_BASE) != 0 &&
+           device->link->facts->stiffness_max > 0.0;
 }
 
 EXPORT bool drdIsInitialized(char ID)
@@ -518,7 +520,8 @@ EXPORT int drdSetForceAndWristJointTorquesAndGripperForce(double fx, double fy, 
 
 /* ---- read ---- */
 
-EXPORT int drdGetPositionAndOrientation(double *px, double *py, double *pz, double *oa, double *ob, double *og, double *pg,
+EXPORT int drdGetPositionAndOrientation(double *px, double *py, double *pz, double *oa, double *ob, double *og,
+                                        double *pg,
                                         double matrix[3][3], char ID)
 {
     struct state state;
@@ -530,7 +533,8 @@ EXPORT int drdGetPositionAndOrientation(double *px, double *py, double *pz, doub
     const enum link_result result = link_read(device->link, &state);
     if (result != LINK_OK)
         return dhd_fail_link(result);
-    if (px == NULL || py == NULL || pz == NULL || oa == NULL || ob == NULL || og == NULL || pg == NULL || matrix == NULL)
+    if (px == NULL || py == NULL || pz == NULL || oa == NULL || ob == NULL || og == NULL || pg == NULL ||
+        matrix == NULL)
         return dhd_fail(DHD_ERROR_NULL_ARGUMENT, NULL);
     dhd_angles(state.rotation, angles);
     *px = state.position[0];

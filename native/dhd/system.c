@@ -42,8 +42,8 @@ EXPORT void drdSleep(double seconds)
     dhdSleep(seconds);
 }
 
-/* Keys are read as they are pressed, for the moment of the call only: a program that is killed leaves its terminal as it
- * was. */
+/* Keys are read as they are pressed, for the moment of the call only: a program that is killed leaves its terminal as
+ * it was. */
 static int poll_key(bool take)
 {
     struct termios before, raw;

@@ -18,7 +18,7 @@ struct device {
     pthread_t owner;   /* thread of the frame */
     bool framed, tripped;
     struct state now, before; /* latched by this frame and by the one before */
-    double force[3], torque[3];           /* to be commanded at the end of the frame, in this interface's frame and units */
+    double force[3], torque[3]; /* to be commanded at the end of the frame, in this interface's frame and units */
     double last_force[3], last_torque[3];
     bool enabled[CAPABILITIES];
     int64_t enabled_at;
@@ -95,7 +95,7 @@ EXPORT HDstring hdGetErrorString(HDerror error)
     }
 }
 
-/* ---- frames of reference: x right, y up, z towards the user here; x towards the user, y right, z up in the file ---- */
+/* ---- frames: x right, y up, z towards the user here; x towards the user, y right, z up in the file ---- */
 
 static void from_file(const double *in, double factor, double *out)
 {
@@ -233,7 +233,8 @@ static void note_trip(struct device *device)
 
     if (tripped && !device->tripped && device->enabled[0]) {
         const int code = (int)device->now.trip;
-        switch_off(device, code == 8 ? HD_WARM_MOTORS : code == 10 || code == 11 ? HD_COMM_ERROR : HD_DEVICE_FAULT, code);
+        const HDerror lost = code == 10 || code == 11 ? HD_COMM_ERROR : HD_DEVICE_FAULT;
+        switch_off(device, code == 8 ? HD_WARM_MOTORS : lost, code);
     }
     device->tripped = tripped;
 }

@@ -3,9 +3,11 @@
 
 #include <errno.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #define CALLBACKS_MAX 64
+#define NICENESS -10          /* before ordinary threads, and behind every loop */
 #define RATE_LEAST 500
 #define RATE_MOST 1000
 #define LATE_TICKS 20         /* more are not made up for */
@@ -85,6 +87,7 @@ static void *run(void *argument)
 
     inside = true;
     prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0);
+    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* where that is permitted */
     pthread_mutex_lock(&mutex);
     while (!ending && own == generation) {
         const int64_t period = (int64_t)(1e9 / rate);

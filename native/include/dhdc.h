@@ -1,8 +1,8 @@
 /* Force Dimension's programming interface DHD, as libdrd and libdhd of haptorb provide it.
  *
  * Names, arguments and numbers are those that programs for that interface use; none of this text is the maker's. Every
- * `ID` is the number of a device, -1 the default one. Functions return 0 or a positive number on success, -1 on an error
- * that dhdErrorGetLastStr explains. Lengths in m, forces in N, torques in N·m. Frame: x towards the user, y to the
+ * `ID` is the number of a device, -1 the default one. Functions return 0 or a positive number on success, -1 on an
+ * error that dhdErrorGetLastStr explains. Lengths in m, forces in N, torques in N·m. Frame: x towards the user, y to the
  * right, z up, origin in the middle of the workspace; rotations are row-major 3 x 3. */
 #ifndef DHDC_H
 #define DHDC_H
@@ -197,12 +197,17 @@ DHD_API int dhdGetPosition(double *px, double *py, double *pz, DHD_ID);
 DHD_API int dhdGetOrientationRad(double *oa, double *ob, double *og, DHD_ID);
 DHD_API int dhdGetOrientationDeg(double *oa, double *ob, double *og, DHD_ID);
 DHD_API int dhdGetOrientationFrame(double matrix[3][3], DHD_ID);
-DHD_API int dhdGetPositionAndOrientationRad(double *px, double *py, double *pz, double *oa, double *ob, double *og, DHD_ID);
-DHD_API int dhdGetPositionAndOrientationDeg(double *px, double *py, double *pz, double *oa, double *ob, double *og, DHD_ID);
+DHD_API int dhdGetPositionAndOrientationRad(double *px, double *py, double *pz, double *oa, double *ob, double *og,
+                                            DHD_ID);
+DHD_API int dhdGetPositionAndOrientationDeg(double *px, double *py, double *pz, double *oa, double *ob, double *og,
+                                            DHD_ID);
 DHD_API int dhdGetPositionAndOrientationFrame(double *px, double *py, double *pz, double matrix[3][3], DHD_ID);
-DHD_API int dhdConfigLinearVelocity(int ms DHD_DEFAULT(DHD_VELOCITY_WINDOW), int mode DHD_DEFAULT(DHD_VELOCITY_WINDOWING), DHD_ID);
-DHD_API int dhdConfigAngularVelocity(int ms DHD_DEFAULT(DHD_VELOCITY_WINDOW), int mode DHD_DEFAULT(DHD_VELOCITY_WINDOWING), DHD_ID);
-DHD_API int dhdConfigGripperVelocity(int ms DHD_DEFAULT(DHD_VELOCITY_WINDOW), int mode DHD_DEFAULT(DHD_VELOCITY_WINDOWING), DHD_ID);
+DHD_API int dhdConfigLinearVelocity(int ms DHD_DEFAULT(DHD_VELOCITY_WINDOW),
+                                    int mode DHD_DEFAULT(DHD_VELOCITY_WINDOWING), DHD_ID);
+DHD_API int dhdConfigAngularVelocity(int ms DHD_DEFAULT(DHD_VELOCITY_WINDOW),
+                                     int mode DHD_DEFAULT(DHD_VELOCITY_WINDOWING), DHD_ID);
+DHD_API int dhdConfigGripperVelocity(int ms DHD_DEFAULT(DHD_VELOCITY_WINDOW),
+                                     int mode DHD_DEFAULT(DHD_VELOCITY_WINDOWING), DHD_ID);
 DHD_API int dhdGetLinearVelocity(double *vx, double *vy, double *vz, DHD_ID);
 DHD_API int dhdGetAngularVelocityRad(double *wx, double *wy, double *wz, DHD_ID);
 DHD_API int dhdGetAngularVelocityDeg(double *wx, double *wy, double *wz, DHD_ID);
@@ -219,7 +224,8 @@ DHD_API int dhdGetGripperAngularVelocityRad(double *wg, DHD_ID);
 DHD_API int dhdGetGripperAngularVelocityDeg(double *wg, DHD_ID);
 DHD_API int dhdGetForce(double *fx, double *fy, double *fz, DHD_ID);
 DHD_API int dhdGetForceAndTorque(double *fx, double *fy, double *fz, double *tx, double *ty, double *tz, DHD_ID);
-DHD_API int dhdGetForceAndTorqueAndGripperForce(double *fx, double *fy, double *fz, double *tx, double *ty, double *tz, double *fg, DHD_ID);
+DHD_API int dhdGetForceAndTorqueAndGripperForce(double *fx, double *fy, double *fz, double *tx, double *ty, double *tz,
+                                                double *fg, DHD_ID);
 
 /* Command. */
 DHD_API int dhdEnableForce(uchar on, DHD_ID);
@@ -228,7 +234,8 @@ DHD_API int dhdSetForce(double fx, double fy, double fz, DHD_ID);
 DHD_API int dhdSetTorque(double tx, double ty, double tz, DHD_ID);
 DHD_API int dhdSetForceAndTorque(double fx, double fy, double fz, double tx, double ty, double tz, DHD_ID);
 DHD_API int dhdSetForceAndGripperForce(double fx, double fy, double fz, double fg, DHD_ID);
-DHD_API int dhdSetForceAndTorqueAndGripperForce(double fx, double fy, double fz, double tx, double ty, double tz, double fg, DHD_ID);
+DHD_API int dhdSetForceAndTorqueAndGripperForce(double fx, double fy, double fz, double tx, double ty, double tz,
+                                                double fg, DHD_ID);
 DHD_API int dhdSetMaxForce(double most, DHD_ID);
 DHD_API int dhdSetMaxTorque(double most, DHD_ID);
 DHD_API int dhdSetMaxGripperForce(double most, DHD_ID);
@@ -284,12 +291,16 @@ DHD_API int dhdSetWristMotor(ushort mot0, ushort mot1, ushort mot2, DHD_ID);
 DHD_API int dhdSetGripperMotor(ushort mot, DHD_ID);
 DHD_API int dhdDeltaEncoderToPosition(int enc0, int enc1, int enc2, double *px, double *py, double *pz, DHD_ID);
 DHD_API int dhdDeltaPositionToEncoder(double px, double py, double pz, int *enc0, int *enc1, int *enc2, DHD_ID);
-DHD_API int dhdDeltaMotorToForce(ushort mot0, ushort mot1, ushort mot2, int enc0, int enc1, int enc2, double *fx, double *fy, double *fz, DHD_ID);
-DHD_API int dhdDeltaForceToMotor(double fx, double fy, double fz, int enc0, int enc1, int enc2, ushort *mot0, ushort *mot1, ushort *mot2, DHD_ID);
+DHD_API int dhdDeltaMotorToForce(ushort mot0, ushort mot1, ushort mot2, int enc0, int enc1, int enc2, double *fx,
+                                 double *fy, double *fz, DHD_ID);
+DHD_API int dhdDeltaForceToMotor(double fx, double fy, double fz, int enc0, int enc1, int enc2, ushort *mot0,
+                                 ushort *mot1, ushort *mot2, DHD_ID);
 DHD_API int dhdWristEncoderToOrientation(int enc0, int enc1, int enc2, double *oa, double *ob, double *og, DHD_ID);
 DHD_API int dhdWristOrientationToEncoder(double oa, double ob, double og, int *enc0, int *enc1, int *enc2, DHD_ID);
-DHD_API int dhdWristMotorToTorque(ushort mot0, ushort mot1, ushort mot2, int enc0, int enc1, int enc2, double *tx, double *ty, double *tz, DHD_ID);
-DHD_API int dhdWristTorqueToMotor(double ta, double tb, double tg, int enc0, int enc1, int enc2, ushort *mot0, ushort *mot1, ushort *mot2, DHD_ID);
+DHD_API int dhdWristMotorToTorque(ushort mot0, ushort mot1, ushort mot2, int enc0, int enc1, int enc2, double *tx,
+                                  double *ty, double *tz, DHD_ID);
+DHD_API int dhdWristTorqueToMotor(double ta, double tb, double tg, int enc0, int enc1, int enc2, ushort *mot0,
+                                  ushort *mot1, ushort *mot2, DHD_ID);
 DHD_API int dhdGripperEncoderToAngleRad(int enc, double *a, DHD_ID);
 DHD_API int dhdGripperEncoderToGap(int enc, double *g, DHD_ID);
 DHD_API int dhdGripperAngleRadToEncoder(double a, int *enc, DHD_ID);
@@ -318,13 +329,15 @@ DHD_API int dhdWristJointTorquesExtrema(double j0, double j1, double j2, double 
 DHD_API int dhdWristGravityJointTorques(double j0, double j1, double j2, double *q0, double *q1, double *q2, DHD_ID);
 DHD_API int dhdSetWristJointTorques(double t0, double t1, double t2, DHD_ID);
 DHD_API int dhdSetForceAndWristJointTorques(double fx, double fy, double fz, double t0, double t1, double t2, DHD_ID);
-DHD_API int dhdSetForceAndWristJointTorquesAndGripperForce(double fx, double fy, double fz, double t0, double t1, double t2, double fg, DHD_ID);
+DHD_API int dhdSetForceAndWristJointTorquesAndGripperForce(double fx, double fy, double fz, double t0, double t1,
+                                                           double t2, double fg, DHD_ID);
 DHD_API int dhdWristEncodersToJointAngles(int enc0, int enc1, int enc2, double *j0, double *j1, double *j2, DHD_ID);
 DHD_API int dhdWristJointAnglesToEncoders(double j0, double j1, double j2, int *enc0, int *enc1, int *enc2, DHD_ID);
 DHD_API int dhdGetJointVelocities(double w[DHD_MAX_DOF], DHD_ID);
 DHD_API int dhdGetJointAngleRange(double least[DHD_MAX_DOF], double most[DHD_MAX_DOF], DHD_ID);
 DHD_API int dhdJointAnglesToInertiaMatrix(double j[DHD_MAX_DOF], double inertia[6][6], DHD_ID);
-DHD_API int dhdJointAnglesToGravityJointTorques(double j[DHD_MAX_DOF], double q[DHD_MAX_DOF], uchar mask DHD_DEFAULT(0xff), DHD_ID);
+DHD_API int dhdJointAnglesToGravityJointTorques(double j[DHD_MAX_DOF], double q[DHD_MAX_DOF],
+                                                uchar mask DHD_DEFAULT(0xff), DHD_ID);
 DHD_API int dhdControllerSetDevice(int device, DHD_ID);
 DHD_API int dhdReadConfigFromFile(char *path, DHD_ID);
 

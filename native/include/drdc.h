@@ -31,10 +31,13 @@ DHD_API void drdSleep(double seconds);
 DHD_API void drdWaitForTick(DHD_ID);
 DHD_API double drdGetCtrlFreq(DHD_ID);
 
-DHD_API int drdGetPositionAndOrientation(double *px, double *py, double *pz, double *oa, double *ob, double *og, double *pg, double matrix[3][3], DHD_ID);
+DHD_API int drdGetPositionAndOrientation(double *px, double *py, double *pz, double *oa, double *ob, double *og,
+                                         double *pg, double matrix[3][3], DHD_ID);
 DHD_API int drdGetVelocity(double *vx, double *vy, double *vz, double *wx, double *wy, double *wz, double *vg, DHD_ID);
-DHD_API int drdSetForceAndTorqueAndGripperForce(double fx, double fy, double fz, double tx, double ty, double tz, double fg, DHD_ID);
-DHD_API int drdSetForceAndWristJointTorquesAndGripperForce(double fx, double fy, double fz, double t0, double t1, double t2, double fg, DHD_ID);
+DHD_API int drdSetForceAndTorqueAndGripperForce(double fx, double fy, double fz, double tx, double ty, double tz,
+                                                double fg, DHD_ID);
+DHD_API int drdSetForceAndWristJointTorquesAndGripperForce(double fx, double fy, double fz, double t0, double t1,
+                                                           double t2, double fg, DHD_ID);
 
 DHD_API int drdStart(DHD_ID);
 DHD_API int drdStop(bool keep_forces DHD_DEFAULT(false), DHD_ID);

@@ -1,11 +1,12 @@
 /* The file that a running servo and the libraries share: three pages, one writer each, 8-byte words throughout.
  *
- * Page 0, facts: written once by the server before `magic`. Page 1, states: by the server after every tick, into
- * one of four slots in turn, so that a reader never waits for a writer. Both are mapped without write permission here.
- * Page 2, command: by the one process that holds `claim`, under a sequence number that is odd while it writes. Lengths in m, forces in N, torques in N·m, angles in
- * rad, times in ns of CLOCK_MONOTONIC. Vectors are in the frame of Force Dimension's interface: x towards the user, y to
- * the right, z up, origin in the middle of the workspace. `src/haptorb/serve/native.py` has the same table; a test
- * compares them. */
+ * Page 0, facts: written once by the server before `magic`. Page 1, states: by the server after every tick, into one of
+ * four slots in turn, so that a reader never waits for a writer. Both are mapped without write permission here. Page 2,
+ * command: by the one process that holds `claim`, under a sequence number that is odd while it writes.
+ *
+ * Lengths in m, forces in N, torques in N·m, angles in rad, times in ns of CLOCK_MONOTONIC. Vectors are in the frame of
+ * Force Dimension's interface: x towards the user, y to the right, z up, origin in the middle of the workspace.
+ * `src/haptorb/serve/native.py` has the same table; a test compares them. */
 #ifndef HAPTORB_LAYOUT_H
 #define HAPTORB_LAYOUT_H
 
@@ -79,7 +80,7 @@ struct state {
 #define SLOT_SIZE 960
 
 struct states {
-    int64_t count; /* states written so far; state n is in slot n % SLOTS, and slot (n + 1) % SLOTS may be half written */
+    int64_t count; /* states written so far; state n is in slot n % SLOTS, the next slot may be half written */
     int64_t phase;
     char reserved[LAYOUT_PAGE - SLOTS * SLOT_SIZE - 16];
     struct {

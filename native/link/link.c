@@ -17,6 +17,7 @@
 #define SILENT_NS 500000000LL      /* a state so old is none any more */
 #define READ_TRIES 10
 #define START_MS 2000
+#define OF_ANOTHER "%.150s belongs to another account; run the program as the one that runs the servo"
 #define PID_BITS 22
 #define LIBRARY_BITS 2
 
@@ -99,8 +100,7 @@ static int open_device(const char *path, char *why)
 
     if (file < 0) {
         if (errno == EACCES || errno == EPERM)
-            snprintf(why, LINK_TEXT, "%.150s belongs to another account; run the program as the one that runs the servo",
-                     path);
+            snprintf(why, LINK_TEXT, OF_ANOTHER, path);
         else
             snprintf(why, LINK_TEXT, "%.150s: %s", path, strerror(errno));
         return -1;
@@ -108,7 +108,7 @@ static int open_device(const char *path, char *why)
     if (fstat(file, &found) < 0 || !S_ISREG(found.st_mode) || found.st_size != LAYOUT_SIZE)
         snprintf(why, LINK_TEXT, "%.150s is no device of this version of haptorb", path);
     else if (found.st_uid != geteuid() || (found.st_mode & 077) != 0)
-        snprintf(why, LINK_TEXT, "%.150s belongs to another account; run the program as the one that runs the servo", path);
+        snprintf(why, LINK_TEXT, OF_ANOTHER, path);
     else if (flock(file, LOCK_SH | LOCK_NB) == 0) /* its server would hold the lock */
         snprintf(why, LINK_TEXT, "%.150s was left by a run that has ended", path);
     else

@@ -23,7 +23,9 @@ static double number(int count, char **words, int at, double otherwise)
 static int cost(void)
 {
     double p[3], R[3][3], least;
-    const char *const names[] = {"dhdGetPosition", "dhdGetPositionAndOrientationFrame", "dhdSetForce", "dhdGetButtonMask"};
+    const char *const names[] = {
+        "dhdGetPosition", "dhdGetPositionAndOrientationFrame", "dhdSetForce", "dhdGetButtonMask",
+    };
 
     for (int kind = 0; kind < 4; kind++) {
         least = 1e9; /* of all rounds: what the call takes when nothing else takes the processor */
@@ -73,7 +75,8 @@ static int spin(double seconds)
     double p[3];
 
     while (dhdGetTime() < end)
-        if (dhdGetPosition(&p[0], &p[1], &p[2], -1) < 0 || dhdSetForce(0.0, 0.0, 0.1 + 0.01 * sin(50.0 * dhdGetTime()), -1) < 0)
+        if (dhdGetPosition(&p[0], &p[1], &p[2], -1) < 0 ||
+            dhdSetForce(0.0, 0.0, 0.1 + 0.01 * sin(50.0 * dhdGetTime()), -1) < 0)
             return 1;
     return 0;
 }
