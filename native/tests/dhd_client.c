@@ -3,7 +3,7 @@
  *   dhd_client cost                     times of calls [us], one line each: name and time
  *   dhd_client sphere K R X Y Z [S]     a sphere of stiffness K [N/m], radius R and centre X Y Z [m], for S seconds
  *   dhd_client spin [S]                 poses and forces without a pause, for S seconds
- *   dhd_client push F [S]               a force upwards [N], every millisecond
+ *   dhd_client push F [S]               a force upwards [N], every millisecond; a line when it is felt
  */
 #include <drdc.h>
 
@@ -84,10 +84,17 @@ static int spin(double seconds)
 static int push(double force, double seconds)
 {
     const double end = dhdGetTime() + seconds;
+    bool contact = false;
 
     while (dhdGetTime() < end) {
-        if (dhdSetForce(0.0, 0.0, force, -1) < 0)
+        double f[3];
+        if (dhdSetForce(0.0, 0.0, force, -1) < 0 || dhdGetForce(&f[0], &f[1], &f[2], -1) < 0)
             return 1;
+        if (!contact && f[2] > 0.9 * force) {
+            contact = true;
+            printf("contact\n");
+            fflush(stdout);
+        }
         dhdSleep(1e-3);
     }
     return 0;

@@ -1,8 +1,8 @@
 /* OpenHaptics' device interface HD, as libHD of haptorb provides it.
  *
  * Names, arguments and numbers are those that programs for that interface use; none of this text is the maker's.
- * Lengths in mm, velocities in mm/s, forces in N, torques in mN m. Frame: x right, y up, z towards the user, origin in the
- * middle of the workspace. Transforms are 4 x 4, column by column. */
+ * Lengths in mm, velocities in mm/s, forces in N, torques in mN m. Frame: x right, y up, z towards the user, origin in
+ * the middle of the workspace. Transforms are 4 x 4, column by column. */
 #ifndef HD_HD_H
 #define HD_HD_H
 

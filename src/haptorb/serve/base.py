@@ -433,7 +433,8 @@ class Serving:
         free = servo.driver == "sim" and servo.config.hand is None and servo.tracker in ("pointer", "hall")
         if self._servers and free:
             shell = servo.device.shell
-            servo.hand.hold((0.0, 0.0, 0.05 if shell is None else shell.contact_distance + _ABOVE))
+            rest = servo.device.rest_position
+            servo.hand.hold(rest if shell is None else (0.0, 0.0, shell.contact_distance + _ABOVE))
 
     def _start_process(self, one: _Server) -> None:
         servo, prepared = self._servo, one.preparation

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, final
 
 from haptorb.analysis.stability import GRIPS, SampledLoop
 from haptorb.control.trips import Trip
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device
 from haptorb.errors import InputError
 from haptorb.files import folders
@@ -106,8 +107,9 @@ _NO_JOINTS = (0.0,) * 8
 # What a program is told of a device, and where it finds the tool.
 
 
-HAS_BASE, HAS_WRIST, SIMULATED = 1, 2, 64
-_OMEGA_3, _OMEGA_6 = 33, 34  # the types of Force Dimension's interface with the same abilities
+HAS_BASE, HAS_WRIST, HAS_GRIPPER, SIMULATED = 1, 2, 8, 64
+_OMEGA_3, _OMEGA_6, _OMEGA_7 = 33, 34, 35  # the types of Force Dimension's interface with the same abilities
+_FINGER = 0.1  #: from a gripper's axis to its fingers, which device files do not state [m]
 _PROGRAM_DELAY = 2e-3  #: from a pose to the force that a program computes for it, beside the tick [s]
 _MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
 _MOTOR_REACH = 0.1  #: of its target, for a program [m]
@@ -132,6 +134,7 @@ class Hardware:
     mass: float = 0.0  #: of the tool [kg]; 0: unknown
     grip_length: float = 0.0  #: from a gripper's axis to thumb and finger [m]
     grip_angle: float = 0.0  #: greatest [rad]
+    stiffness: float = math.inf  #: that the device's file permits [N/m]
 
 
 @singledispatch
@@ -145,6 +148,21 @@ def describe_hardware(device: Device) -> Hardware:
     rest, reach = shell.contact_distance, shell.contact_distance + shell.thickness
     box = (-reach, -reach, -rest, reach, reach, shell.thickness)
     return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, rest), 1.0, box, force, force)
+
+
+@describe_hardware.register
+def _describe_arm(device: Arm) -> Hardware:
+    """An arm in its own size; what it cannot do for a program, torque and force of the gripper, it does not state."""
+    x, y, z = device.workspace.half
+    gripper, sensed = device.gripper, device.effector.orientation != "fixed"
+    able = HAS_BASE | (HAS_WRIST if sensed else 0) | (HAS_GRIPPER if gripper is not None else 0)
+    kind = _OMEGA_7 if gripper is not None else _OMEGA_6 if sensed else _OMEGA_3
+    angle = 0.0 if gripper is None else 2.0 * math.asin(min(0.5 * gripper.opening / _FINGER, 1.0))
+    return Hardware(
+        kind, able, (0.0, 0.0, 0.0), 1.0, (-y, -x, -z, y, x, z), device.limits.force, device.continuous_wrench[0],
+        mass=device.effector.mass, grip_length=0.0 if gripper is None else _FINGER, grip_angle=angle,
+        stiffness=device.stiffness_limit,
+    )  # fmt: skip
 
 
 @final
@@ -307,7 +325,8 @@ class NativeServer:
         served, device, hardware = self.served, self.served.device, self._hardware
         rate = float(served.facts["rate_hz"])
         simulated = SIMULATED if served.facts["driver"] == "sim" else 0
-        stiffness = SampledLoop(1 / rate, _PROGRAM_DELAY, 1 / rate).largest(GRIPS["light"]) / self._placement.scale
+        loop = SampledLoop(1 / rate, _PROGRAM_DELAY, 1 / rate)
+        stiffness = min(loop.largest(GRIPS["light"]), hardware.stiffness) / self._placement.scale
         values: dict[str, Any] = {
             "version": VERSION, "size": SIZE, "owner": os.geteuid(), "server": os.getpid(),
             "server_start": _process_start(os.getpid()), "type": hardware.type,

@@ -467,3 +467,36 @@ def test_a_program_of_another_account(served: ServedFile, dhd: Any, libraries: P
         assert served.path.parent.stat().st_mode & 0o777 == 0o700
     finally:
         shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize(
+    ("device", "kind", "wrist", "gripper"), [("arm", 33, 0, 0), ("arm-touch", 34, 1, 0), ("arm-sigma", 35, 1, 1)]
+)
+def test_an_arm_is_what_its_file_says(
+    libraries: Path, monkeypatch: pytest.MonkeyPatch, device: str, kind: int, wrist: int, gripper: int
+) -> None:
+    """In its own size, with the type of the same abilities; a scripted hand opens its gripper."""
+    with ServedFile(device) as served:
+        monkeypatch.setenv("HAPTORB_RUN", str(served.path))
+        dhd = ctypes.CDLL(str(libraries / "libdrd.so.3"))
+        for function in (dhd.dhdHasWrist, dhd.dhdHasGripper, dhd.dhdHasActiveWrist):
+            function.restype = ctypes.c_bool
+        number = dhd.dhdOpen()
+        try:
+            assert number >= 0
+            dhd.dhdSetTimeGuard(0, ANY)
+            assert (dhd.dhdGetSystemType(ANY), dhd.dhdHasWrist(ANY), dhd.dhdHasGripper(ANY)) == (kind, wrist, gripper)
+            assert not dhd.dhdHasActiveWrist(ANY), "programs command forces here, and no torques"
+            served.publish(p=(0.01, 0.02, 0.03))
+            await_position(dhd, (-0.02, 0.01, 0.03))
+            assert set_force(dhd, 0.0, 0.0, 2.0) == 0
+            served.await_force((0.0, 0.0, 2.0))
+            if gripper:
+                served.loop.shared.hand.write(0, 0.012)
+                served.publish(p=(0.01, 0.02, 0.031))
+                await_position(dhd, (-0.02, 0.01, 0.031))
+                assert numbers(dhd.dhdGetGripperGap, 1) == pytest.approx([0.012])
+                thumb, finger = numbers(dhd.dhdGetGripperThumbPos, 3), numbers(dhd.dhdGetGripperFingerPos, 3)
+                assert np.linalg.norm(np.subtract(thumb, finger)) == pytest.approx(0.012)
+        finally:
+            dhd.dhdClose(ANY)
