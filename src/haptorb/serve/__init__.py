@@ -1,1 +1,1 @@
-"""Servers beside the loop (`haptorb run --serve`): other programs feel the device, steer it and look at its rows."""
+"""Servers beside the loop (`haptorb run --serve`): other programs read its rows and command forces."""

@@ -1,4 +1,4 @@
-"""The servers of a run as the program holds them that runs the servo: prepare, start, watch, end."""
+"""Servers of a run (`--serve`): preparation, processes, access control, and the device as a server process sees it."""
 
 from __future__ import annotations
 
@@ -73,56 +73,60 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The running device as a server's process sees it: its rows, who may command it, and its clients' news.
+# The running device as a server process sees it: rows, control by one client at a time, and status reports.
 
 
-SILENCE = 2.0  #: a client that holds the device and commands nothing for so long has let it go [s]
-LATE = 1.0  #: what a client asked longer ago, while its server did not read, is not done any more [s]
-_SESSIONS = 10_000  #: numbers of sessions that one server has for itself
-_MAX_COMMANDED_FORCE_N = 1e6  #: of a commanded force [N]; the world and the guard have their own limits, far below
+SILENCE = 2.0  #: a client that sends no command for this long loses control of the device [s]
+LATE = 1.0  #: a request that waited unread for longer than this is discarded [s]
+_SESSIONS_PER_SERVER = 10_000  #: session numbers reserved for each server
+_MAX_COMMANDED_FORCE_N = 1e6  #: per component [N]; the limits of the world and the guard are far lower
 
 
 @final
 class ServedDevice:
-    """For the server with the number `slot`, in the memory `shared` of a loop that the process `parent` started.
+    """Device interface of one server process: reads rows, commands a force, reports clients.
+
+    `slot` is the server's number, `shared` the memory of the loop, `parent` the process id of the program that started
+    both.
 
     device   the running device
     facts    of the run: driver, tracker, estimator, model, rate_hz, modes, versions
-    dropped  rows that this server was too slow to read
-    busy     how often a client was refused because another one holds the device
-    stale    commands that were refused because they had waited for this server
+    dropped  rows lost because this server read too slowly
+    busy     commands refused because another client controls the device
+    stale    commands refused because they waited too long for this server
     """
 
     def __init__(self, shared: SharedMemory, slot: int, parent: int, device: Device, facts: Mapping[str, Any]) -> None:
         self.device, self.facts, self.layout = device, dict(facts), shared.layout
         self.dropped = self.busy = self.stale = 0
-        self.ending = False  #: set when this server is to end
+        self.ending = False  #: set to end this server
         self._shared, self._slot, self._parent = shared, slot, parent
         self._block = shared.force_block(slot)
         self._cursor = shared.ring.count
-        self._sessions = _SESSIONS * slot
+        self._sessions = _SESSIONS_PER_SERVER * slot
         self._holder, self._held_since = 0, 0.0
-        self._facts: dict[str, Any] = {}  # as reported last
+        self._facts: dict[str, Any] = {}  # the last report
         self._world_number, self._renders = -1, False
 
     @property
     def over(self) -> bool:
-        """Whether the server is to end: the servo has ended, or no reader is left."""
+        """Whether the server must end: on request, with the servo, or because its parent process is gone."""
         words = self._shared.words
         return bool(self.ending or words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_parent_gone(self._parent))
 
     @property
     def origin(self) -> float:
-        """The computer's monotonic clock when the loop's clock, `t` of the rows, was zero [s]."""
+        """Monotonic time at which the loop's clock, `t` of the rows, was zero [s]."""
         return float(self._shared.words[Word.ORIGIN]) * 1e-9
 
     def latest(self) -> Array | None:
-        """(width,) the newest row, in the units of `layout`; None before the first."""
+        """The newest row (width,), in the units of `layout`; None before the first."""
         return self._shared.ring.latest()
 
     def read_rows(self) -> Array:
-        """(n, width) what the loop published since the last call, oldest first; what was lost is counted in
-        `dropped`. In the units [..] of `layout`; never waits."""
+        """Rows (n, width) published since the last call, oldest first, in the units [..] of `layout`.
+
+        Does not block; rows that were overwritten before they were read are counted in `dropped`."""
         before = self._cursor
         self._cursor, rows = self._shared.ring.read_since(before)
         self.dropped += self._cursor - before - len(rows)
@@ -130,19 +134,18 @@ class ServedDevice:
 
     @property
     def tick_count(self) -> int:
-        """Rows published so far: another number is another newest row."""
+        """Number of rows published so far; it changes with every new row."""
         return int(self._shared.ring.count)
 
     @property
     def world(self) -> dict[str, Any]:
-        """The world that is rendered: `name`, `values`, and the `memory` fields that its rows have; empty before the
-        first."""
+        """The rendered world: `name`, `values` and the `memory` fields of its rows; empty before the first."""
         changes = self._shared.worlds_since(self._shared.words[Word.WORLD] - 1)
         return dict(json.loads(changes[-1][1])) if changes else {}
 
     @property
     def renders_force(self) -> bool:
-        """Whether the world that is felt now has the clients' force in it; a person may have chosen another."""
+        """Whether the current world includes the clients' force; the user may have selected one that does not."""
         number = int(self._shared.words[Word.WORLD])
         if number != self._world_number:
             names = [field["name"].rpartition("_")[2] for field in self.world.get("memory", [])]
@@ -151,38 +154,40 @@ class ServedDevice:
 
     @property
     def buttons(self) -> dict[str, bool]:
-        """Which of the buttons a, b, c a person or a scripted hand holds down."""
+        """Pressed state of the buttons a, b, c, from the user or a scripted hand."""
         bits = self.button_bits
         return {name: bool(bits >> i & 1) for i, name in enumerate(BUTTONS)}
 
     @property
     def button_bits(self) -> int:
-        """The same as bits, a the first."""
+        """Pressed buttons as a bit mask; bit 0 is a."""
         return int(self._shared.words[Word.BUTTONS]) | self._shared.hand.buttons
 
     @property
     def grip(self) -> float:
-        """The opening of a scripted hand's gripper [m]; NaN without one."""
+        """Gripper opening of a scripted hand [m]; NaN without one."""
         return self._shared.hand.grip
 
     def open_session(self) -> int:
-        """A number for a new client, which no other client of this run has."""
+        """Return a session number for a new client, unique within the run."""
         self._sessions += 1
         return self._sessions
 
     @property
     def holder(self) -> int:
-        """Session of the client that holds the device; 0: none."""
+        """Session of the client that controls the device; 0: none."""
         if self._holder and monotonic() - self._held_since > SILENCE:
             self._holder = 0
         return self._holder
 
     def command(self, session: int, force: Sequence[float], *, arrival: float | None = None, mapping: int = 0) -> bool:
-        """The client `session` wants `force` (3,) [N], in the stator's frame, since `arrival` of its message on the
-        monotonic clock [s]; None: now. False, and nothing happens, if another client holds the device, if the numbers
-        are not finite, or if the message has waited for longer than a command lasts.
+        """Command `force` (3,) [N], stator frame, for the client `session`; returns whether it was accepted.
 
-        No force takes no device: many programs that only watch send zeros, because each message is answered.
+        `arrival` is the arrival time of the message on the monotonic clock [s]; None: now. The command is refused if
+        another client controls the device, if the numbers are not finite, or if the message waited for longer than a
+        command lasts.
+
+        A zero force does not acquire control: many programs that only observe send zeros to get the state in reply.
         """
         if self.holder != session and not any(force):
             return True
@@ -203,19 +208,21 @@ class ServedDevice:
         return True
 
     def lose(self, session: int) -> None:
-        """The connection of the client `session` was lost: if it holds the device, its force ends and others may."""
+        """End the force of a client `session` whose connection was lost, and release the device if it had control."""
         if self._holder == session:
             self._holder = 0
             self._block.lose(monotonic())  # safety: lost-client-told
 
     def request_world(self, name: str, values: Mapping[str, Any]) -> None:
-        """Ask the program that runs the servo for the world `name` with `values`; the newest counts, others that
-        were not read yet are dropped."""
+        """Request the world `name` with `values` from the program that runs the servo.
+
+        A newer request replaces one that was not read yet."""
         self._shared.server_requests[self._slot].write(json.dumps({"name": name, "values": dict(values)}, default=list))
 
     def report(self, server: str, address: str, clients: Sequence[Mapping[str, Any]], **more: Any) -> None:
-        """Tell people who is connected: each of `clients` has `name`, `session`, `rate_hz` and `holds`. At most four
-        times a second, please; of more than 50 clients the rest is only counted."""
+        """Publish the connected clients for the user: each of `clients` has `name`, `session`, `rate_hz` and `holds`.
+
+        Call it at most four times a second. Above 50 clients, the others are only counted."""
         facts = {
             "server": server, "address": address, "count": len(clients), "clients": list(clients[:50]),
             "dropped": self.dropped, "stale": self.stale, **more,
@@ -224,22 +231,24 @@ class ServedDevice:
         self._shared.server_facts[self._slot].write(json.dumps(facts))
 
     def conclude(self) -> None:
-        """This server has ended: no client is connected any more; its counts stay for the run's report."""
+        """Publish the final report of this server: no clients; its counts stay for the report of the run."""
         if self._facts:
             self._facts |= {"count": 0, "clients": [], "dropped": self.dropped}
             self._shared.server_facts[self._slot].write(json.dumps(self._facts))
 
 
 # --------------------------------------------------------------------------------------------------
-# What a server needs, found and opened before the servo starts: its ports above all.
+# Preparation of a server before the servo starts: settings and open ports.
 
 
 @dataclass
 class ServerPreparation:
-    """spec         the settings of the server's process, plain JSON types
+    """Settings and open sockets of a server that is ready to start.
+
+    spec         settings of the server process, plain JSON types
     descriptors  open sockets that it inherits, in order; closed here once it has them
-    address      where programs find it, for people
-    remarks      what a person must know beside: a token, say
+    address      address of the server, as shown to the user
+    remarks      further information for the user, such as a token
     """
 
     spec: dict[str, Any]
@@ -248,24 +257,24 @@ class ServerPreparation:
     remarks: tuple[str, ...] = ()
 
     def close(self) -> None:
-        """The server's process has its sockets, or they are closed. May be called twice."""
+        """Close this process's copies of the sockets. May be called twice."""
         while self.descriptors:
             os.close(self.descriptors.pop())
 
 
 # --------------------------------------------------------------------------------------------------
-# The kinds of servers that `--serve` knows; adding one is a module and a line here.
+# Registry of the server kinds of `--serve`; to add one, write a module and add an entry here.
 
 
 @record
 class ServerKind:
-    """What is known of a kind before its module is loaded.
+    """Registry entry of a server kind, available before its module is loaded.
 
-    form     how it is written behind --serve
-    module   that has its `prepare` and `serve`, see `KindModule`
-    package  that must be installed for it; empty: none
-    world    what becomes of the world: "alone": without --world, the clients' force is all that is felt; "added": the
-             clients' force is added to the current world; "unchanged": its clients command no force
+    form     syntax of the argument of --serve
+    module   module with its `prepare` and `serve`, see `KindModule`
+    package  package that must be installed for it; empty: none
+    world    effect on the world: "alone": without --world, only the clients' force is rendered; "added": the clients'
+             force is added to the current world; "unchanged": its clients command no force
     """
 
     form: str
@@ -275,18 +284,18 @@ class ServerKind:
 
 
 class KindModule(Protocol):
-    """The two functions that a kind's module has."""
+    """Interface of a server kind's module."""
 
     def prepare(self, where: str) -> ServerPreparation:
-        """In the program that starts the servo: understand `where`, what stands behind the colon of --serve, and open
-        its ports. InputError says what was expected."""
+        """Parse `where`, the text after the colon of --serve, and open the ports; runs in the program that starts the
+        servo. Raises InputError with the expected syntax."""
 
     def serve(self, spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
-        """In the server's own process: serve with the `spec` and the open `descriptors` of the preparation, until
-        `served.over`."""
+        """Serve until `served.over`, with the `spec` and the open `descriptors` of the preparation; runs in the server
+        process."""
 
 
-#: name before the colon of --serve → kind
+#: name before the colon of --serve → registry entry
 KINDS: dict[str, ServerKind] = {
     "haply": ServerKind("haply[:HOST][:PORT[:EVENTS]]", "haptorb.serve.haply", "", "alone"),
     "osc": ServerKind("osc[:[HOST:]PORT]", "haptorb.serve.osc", "pythonosc", "added"),
@@ -297,12 +306,12 @@ KINDS: dict[str, ServerKind] = {
 
 
 def load_kind(name: str) -> KindModule:
-    """The module of the kind `name`. Raises DriverError if the package that it needs is not installed."""
+    """Import the module of the kind `name`. Raises DriverError if a package that it needs is not installed."""
     kind = KINDS[name]
     try:
         if kind.package:
             import_module(kind.package)
-    except (ImportError, OSError, RuntimeError) as cause:  # pylsl says RuntimeError when its library is missing
+    except (ImportError, OSError, RuntimeError) as cause:  # pylsl raises RuntimeError if liblsl is missing
         raise DriverError(
             f"--serve {name} needs a package that is not installed ({cause}): pip install 'haptorb[serve]'"
         ) from cause
@@ -310,21 +319,21 @@ def load_kind(name: str) -> KindModule:
 
 
 # --------------------------------------------------------------------------------------------------
-# From the options `--serve KIND[:...]` to servers that are prepared, and to the world that is felt with them.
+# Parsing of `--serve KIND[:...]`, the world that the clients' force needs, and the server processes.
 
 
 @record
 class ServerChoice:
-    """One `--serve`: the `kind`, and what stands behind its colon."""
+    """One option `--serve`: the `kind`, and the text `where` after its colon."""
 
     kind: str
     where: str
 
 
 def check_servers(texts: Sequence[str]) -> tuple[ServerChoice, ...]:
-    """What the options `texts` ask for; nothing is opened.
+    """Parse the arguments `texts` of --serve; opens nothing.
 
-    Raises UnknownName for a kind that there is not, InputError for two of one kind.
+    Raises UnknownName for an unknown kind, InputError for two of one kind.
 
     >>> check_servers(["haply:10001:10020"])
     (ServerChoice(kind='haply', where='10001:10020'),)
@@ -343,25 +352,26 @@ def check_servers(texts: Sequence[str]) -> tuple[ServerChoice, ...]:
 
 
 def is_client_force_alone(choices: Sequence[ServerChoice]) -> bool:
-    """Whether, without --world, the clients' force is all that is felt."""
+    """Whether, without --world, only the clients' force is rendered."""
     return any(KINDS[choice.kind].world == "alone" for choice in choices)
 
 
 def add_client_force(
     world: World | WorldFile | SceneFile, choices: Sequence[ServerChoice]
 ) -> World | FileWithRemote | WorldFile | SceneFile:
-    """`world` with the force of the clients of these servers, if one of them has clients that command forces; a file
-    keeps it whenever it is loaded again."""
+    """Add the clients' force to `world` if one of these servers has clients that command forces.
+
+    A world from a file has the force again after each reload."""
     if isinstance(world, Remote) or all(KINDS[choice.kind].world == "unchanged" for choice in choices):
         return world
     return FileWithRemote(world) if isinstance(world, WorldFile | SceneFile) else world + Remote()
 
 
-_START = 30.0  #: longest wait for a server's process [s]
-_HUNG = 4.0  #: without processor time, after which a server that starts hangs [s]
-_FINISH = 1.5  #: for all of them to end on request before they are killed [s]
-_ABOVE = 0.002  #: the dome, where a tool that is not held otherwise is held [m]
-_REQUEST_CHECK_INTERVAL_S = 0.02  #: between two looks for what servers request [s]
+_START_TIMEOUT_S = 30.0  #: for a server process to serve [s]
+_HANG_TIMEOUT_S = 4.0  #: a starting server without progress for this long hangs [s]
+_END_TIMEOUT_S = 1.5  #: for all servers to end on request before they are killed [s]
+_HOLD_HEIGHT_M = 0.002  #: height above the dome at which a simulated tool without a user is held [m]
+_REQUEST_POLL_INTERVAL_S = 0.02  #: polling interval of the servers' requests [s]
 
 
 @final
@@ -370,15 +380,15 @@ class _Server:
         self.choice, self.number = choice, number
         self.preparation: ServerPreparation = load_kind(choice.kind).prepare(choice.where)
         self.process: subprocess.Popen[bytes] | None = None
-        self.request_version = 0  # version of the last request
-        self.reported_end = False  # that its process has ended
+        self.request_version = 0  # of the last request that was read
+        self.reported_end = False  # whether the user was informed that its process ended
 
 
 @final
 class Serving:
-    """The servers `choices` for `servo`. Their ports are opened at once; `start` follows when the servo runs.
+    """Server processes `choices` of `servo`: opens the ports at once; call `start` when the servo runs.
 
-    Raises InputError for an address that cannot be had, DriverError for a package that is not installed.
+    Raises InputError for an address that is not available, DriverError for a package that is not installed.
     """
 
     def __init__(self, choices: Sequence[ServerChoice], servo: Servo) -> None:
@@ -395,7 +405,7 @@ class Serving:
 
     @property
     def lines(self) -> list[str]:
-        """Where programs find each server, one line each, and what people must know beside."""
+        """Address of each server and its remarks, one line each, for the user."""
         return [
             line
             for one in self._servers
@@ -403,38 +413,39 @@ class Serving:
         ]
 
     def start(self) -> None:
-        """Start the servers' processes; returns when all of them serve. Raises DriverError with the reason if one
-        does not."""
+        """Start the server processes and block until all of them serve.
+
+        Raises DriverError with the reason if one fails."""
         if not self._servers:
             return
         self._folder = Path(tempfile.mkdtemp(prefix="haptorb-serve-"))
         shared = SharedMemory(self._servo.memory_path)
         for one in self._servers:
             self._start_process(one)
-        deadline = monotonic() + _START
+        deadline = monotonic() + _START_TIMEOUT_S
         for one in self._servers:
             assert one.process is not None
             watch, hung = HangWatch(one.process.pid), 0.0
             while shared.words[Word.SERVERS + one.number] == Phase.STARTING:
                 hung = watch.look()
-                if one.process.poll() is not None or monotonic() > deadline or hung > _HUNG:
+                if one.process.poll() is not None or monotonic() > deadline or hung > _HANG_TIMEOUT_S:
                     break
                 sleep(0.002)
             if shared.words[Word.SERVERS + one.number] != Phase.RUNNING:
-                why = f"its process did nothing for {hung:.0f} s and was ended" if hung > _HUNG else ""
+                why = f"its process did nothing for {hung:.0f} s and was ended" if hung > _HANG_TIMEOUT_S else ""
                 raise DriverError(f"--serve {one.choice.kind} did not start: {why or self._explain_end(one)}")
             one.preparation.close()
-        self._watcher = threading.Thread(target=self._watch, args=(shared,), name="haptorb-servers", daemon=True)
+        self._watcher = threading.Thread(target=self._poll_servers, args=(shared,), name="haptorb-servers", daemon=True)
         self._watcher.start()
 
     def hold_tool(self) -> None:
-        """Without a console no hand holds a simulated tool: it is held at rest, so that clients have a cursor."""
+        """Hold a simulated tool at rest if no console and no script moves it, so that clients have a cursor."""
         servo = self._servo
         free = servo.driver == "sim" and servo.config.hand is None and servo.tracker in ("pointer", "hall")
         if self._servers and free:
             shell = servo.device.shell
             rest = servo.device.rest_position
-            servo.hand.hold(rest if shell is None else (0.0, 0.0, shell.contact_distance + _ABOVE))
+            servo.hand.hold(rest if shell is None else (0.0, 0.0, shell.contact_distance + _HOLD_HEIGHT_M))
 
     def _start_process(self, one: _Server) -> None:
         servo, prepared = self._servo, one.preparation
@@ -450,35 +461,35 @@ class Serving:
         }
         one.process = start_module(
             "haptorb.serve.server_process",
-            errors=self._errors(one), stdin=subprocess.PIPE, descriptors=tuple(prepared.descriptors),
+            errors=self._error_file(one), stdin=subprocess.PIPE, descriptors=tuple(prepared.descriptors),
         )  # fmt: skip
         assert one.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it has ended already: `start` reports why
             one.process.stdin.write(pack(spec))
             one.process.stdin.close()
 
-    def _errors(self, one: _Server) -> Path:
+    def _error_file(self, one: _Server) -> Path:
         assert self._folder is not None
         return self._folder / f"{one.choice.kind}.txt"
 
     def _explain_end(self, one: _Server) -> str:
         text = ""
         with contextlib.suppress(OSError):
-            text = self._errors(one).read_text(errors="replace")[-2000:].strip()
+            text = self._error_file(one).read_text(errors="replace")[-2000:].strip()
         code = None if one.process is None else one.process.poll()
         return text or ("no answer" if code is None else f"its process ended with code {code}")
 
-    def _watch(self, shared: SharedMemory) -> None:
-        """Do what servers request, and tell people of one that ended."""
-        while not self._ending.wait(_REQUEST_CHECK_INTERVAL_S):
+    def _poll_servers(self, shared: SharedMemory) -> None:
+        """Apply requests of the servers and report a server that ended, until `end`."""
+        while not self._ending.wait(_REQUEST_POLL_INTERVAL_S):
             for one in self._servers:
-                self._take_request(one, shared.server_requests[one.number])
+                self._apply_request(one, shared.server_requests[one.number])
                 over = one.process is not None and one.process.poll() is not None
                 if over and self._servo.alive and not one.reported_end:
                     one.reported_end = True
                     show(f"--serve {one.choice.kind} ended, the servo continues: {self._explain_end(one)}\n")
 
-    def _take_request(self, one: _Server, requests: TextSlot) -> None:
+    def _apply_request(self, one: _Server, requests: TextSlot) -> None:
         if requests.version == one.request_version:
             return
         one.request_version, text = requests.read()
@@ -491,18 +502,18 @@ class Serving:
             show(f"--serve {one.choice.kind}: a client's command was refused: {cause}\n")
 
     def end(self) -> None:
-        """End all servers, by force if they do not end by themselves. May be called twice."""
+        """End all servers; kill those that do not end on request. May be called twice."""
         self._ending.set()
         run_uninterrupted(self._end_all)
 
     def _end_all(self, _: threading.Event) -> None:
         if self._watcher is not None:
-            self._watcher.join(_FINISH)
+            self._watcher.join(_END_TIMEOUT_S)
             self._watcher = None
         running = [one for one in self._servers if one.process is not None and one.process.poll() is None]
         for one in running:
             one.process.terminate()  # type: ignore[union-attr]
-        deadline = monotonic() + _FINISH
+        deadline = monotonic() + _END_TIMEOUT_S
         for one in running:
             if not end_process(one.process, max(deadline - monotonic(), 0.0)):
                 kind, number = one.choice.kind, one.process.pid  # type: ignore[union-attr]
@@ -521,7 +532,7 @@ class Serving:
 
 
 def describe_run(servo: Servo) -> dict[str, Any]:
-    """What a server's process needs to know of the run, plain JSON types."""
+    """Facts of the run for a server process, plain JSON types."""
     return {
         "driver": servo.driver,
         "tracker": servo.tracker,
@@ -534,16 +545,16 @@ def describe_run(servo: Servo) -> dict[str, Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Ports of servers: opened with an error that says who has them and what to do.
+# Ports of servers, with errors that name the program that uses a port.
 
 
 LOOPBACK, OTHER_LOOPBACK = "127.0.0.1", "::1"
-_QUEUE = 128  #: connections that may wait to be taken
-_UNREAD = 262144  #: bytes that the system keeps for a client that is slow
+_MAX_PENDING_CONNECTIONS = 128  #: backlog of connections that are not accepted yet
+_SEND_BUFFER_BYTES = 262144  #: the kernel's buffer for a slow client [bytes]
 
 
 def check_port(text: str, form: str) -> int:
-    """The port that `text` says, 0 to 65535 (0: any free one). InputError names the `form` of the option.
+    """Parse a port, 0 to 65535 (0: any free one). Raises InputError with the `form` of the option.
 
     >>> check_port("10001", "foxglove[:PORT]")
     10001
@@ -554,7 +565,7 @@ def check_port(text: str, form: str) -> int:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only programs of this computer reach `host`.
+    """Whether `host` is reachable only from this computer.
 
     >>> is_loopback("localhost"), is_loopback("127.0.0.1"), is_loopback("::1"), is_loopback("0.0.0.0")
     (True, True, True, False)
@@ -568,7 +579,7 @@ def is_loopback(host: str) -> bool:
 
 
 def has_other_loopback() -> bool:
-    """Whether this computer answers at ::1."""
+    """Whether this computer has the IPv6 loopback address ::1."""
     with suppress(OSError), socket.socket(socket.AF_INET6, socket.SOCK_STREAM) as probe:
         probe.bind((OTHER_LOOPBACK, 0))
         return True
@@ -576,19 +587,19 @@ def has_other_loopback() -> bool:
 
 
 def open_port(port: int, option: str, *, host: str = LOOPBACK, datagrams: bool = False) -> socket.socket:
-    """A socket on `port` of `host`, listening unless it is for `datagrams`.
+    """Open a socket on `port` of `host`: UDP for `datagrams`, else TCP and listening.
 
-    Raises InputError that says which program has the port, and the `option` that takes another.
+    Raises InputError with the program that uses the port and the `option` that selects another.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     found = socket.socket(family, socket.SOCK_DGRAM if datagrams else socket.SOCK_STREAM)
     try:
         if not datagrams:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         found.bind((host, port))
         if not datagrams:
-            found.listen(_QUEUE)
+            found.listen(_MAX_PENDING_CONNECTIONS)
     except OSError as cause:
         found.close()
         if cause.errno == errno.EADDRINUSE:
@@ -604,7 +615,7 @@ def open_port(port: int, option: str, *, host: str = LOOPBACK, datagrams: bool =
 
 
 def port_owner(port: int, *, datagrams: bool = False) -> str:
-    """Which program has `port`, as "NAME (process ID)"; empty if that cannot be seen: it is another account's."""
+    """Program that uses `port`, as "NAME (process ID)"; empty if it runs under another account."""
     kind = "udp" if datagrams else "tcp"
     nodes = _port_nodes(port, kind) | _port_nodes(port, f"{kind}6")
     links = {f"socket:[{node}]" for node in nodes}
@@ -618,7 +629,7 @@ def port_owner(port: int, *, datagrams: bool = False) -> str:
 
 
 def _port_nodes(port: int, table: str) -> set[str]:
-    """The inodes of the sockets bound to `port` in one of the kernel's tables."""
+    """Inodes of the sockets bound to `port` in one of the kernel's tables."""
     found = set()
     with suppress(OSError):
         for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
@@ -630,51 +641,53 @@ def _port_nodes(port: int, table: str) -> set[str]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Who may connect: programs and pages of this account on this computer; all others only with the token of this run.
+# Access control: programs and pages of this account on this computer; all others need the token of this run.
 
 
-TOKEN = "HAPTORB_SERVE_TOKEN"  #: of the environment: a token that stays the same from one start to the next
+TOKEN = "HAPTORB_SERVE_TOKEN"  #: environment variable with a token that stays the same across restarts
 
-_SHORTEST = 16  #: a token that cannot be guessed [characters]
-_SHAPE = re.compile(r"[A-Za-z0-9_-]*")
+_MIN_TOKEN_CHARACTERS = 16  #: a shorter token could be guessed [characters]
+_TOKEN_PATTERN = re.compile(r"[A-Za-z0-9_-]*")
 
 
 def choose_serve_token(host: str) -> str:
-    """What clients beyond this account must show: the one in the environment's HAPTORB_SERVE_TOKEN, else a new one;
-    empty, and only this account may connect, without it for a `host` that only this computer reaches.
+    """Return the token that clients of other accounts must send: HAPTORB_SERVE_TOKEN of the environment, or a new one.
 
-    Raises InputError if the given one cannot be one.
+    Without that variable it is empty for a loopback `host`: only this account may connect.
+    Raises InputError if the variable is not a valid token.
     """
     given = os.environ.get(TOKEN, "")
     if not given:
-        return "" if is_loopback(host) else secrets.token_urlsafe(_SHORTEST)
-    if len(given) < _SHORTEST or not _SHAPE.fullmatch(given):
-        raise InputError(f"{TOKEN} must have at least {_SHORTEST} letters, digits, - or _; got {len(given)} characters")
+        return "" if is_loopback(host) else secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS)
+    if len(given) < _MIN_TOKEN_CHARACTERS or not _TOKEN_PATTERN.fullmatch(given):
+        raise InputError(
+            f"{TOKEN} must have at least {_MIN_TOKEN_CHARACTERS} letters, digits, - or _; got {len(given)} characters"
+        )
     return given
 
 
 @final
 class Access:
-    """The rules of one server with its `token`; empty: only programs of this account use it.
+    """Access control of one server with its `token`; empty: only programs of this account may use it.
 
-    A page of another site could otherwise open a WebSocket to this computer (browsers let it) and move the device: its
-    Origin stops it. One that has its own name resolved to 127.0.0.1 is stopped by Host.
+    A page of another site could open a WebSocket to this computer (browsers allow it) and move the device: the check
+    of Origin prevents it. A page whose host name resolves to 127.0.0.1 is refused by the check of Host.
     """
 
     def __init__(self, token: str = "") -> None:
         self._token = token
 
     def refuse(self, peer: str, headers: Mapping[str, str], target: str, *, own: bool) -> str:
-        """Why a request from the address `peer` for `target` may not come in; empty if it may.
+        """Reason to refuse a request from the address `peer` for `target`; empty: it is accepted.
 
-        headers: their names in lower case; own: a program of this account on this computer has the connection.
+        headers: names in lower case; own: the client is a program of this account on this computer.
         """
         near = is_loopback(peer)
         origin = headers.get("origin")
         if origin is not None and not _is_local_origin(origin):  # safety: serve-origin
             return f"pages of '{origin[:100]}' may not use this server; open the page from this computer"
         host = headers.get("host", "")
-        if near and not is_loopback(_host_of(host)):  # safety: serve-host
+        if near and not is_loopback(_parse_host(host)):  # safety: serve-host
             return f"programs of this computer reach this server as localhost or 127.0.0.1, not as '{host[:100]}'"
         if self._is_authorized(headers, target):
             return ""
@@ -700,21 +713,21 @@ class Access:
 
 
 def is_own_connection(peer: Sequence[Any] | None, own: Sequence[Any] | None) -> bool:
-    """Whether a program of this account on this computer has the other end of a TCP connection, from the address `peer`
-    (host, port) to `own`."""
+    """Whether the client of a TCP connection from `peer` (host, port) to `own` runs under this account on this
+    computer."""
     if not peer or not own or not is_loopback(str(peer[0])):
         return False
     return is_own_account(tcp_owner((peer[0], peer[1]), (own[0], own[1])))
 
 
-def _host_of(authority: str) -> str:
-    """The host in `host:port`, lower case, without a final dot."""
+def _parse_host(authority: str) -> str:
+    """Host of `host:port`, lower case, without a trailing dot."""
     host = authority.rsplit(":", 1)[0] if not authority.endswith("]") and ":" in authority else authority
     return host.lower().rstrip(".")
 
 
 def _is_local_origin(origin: str) -> bool:
-    """Whether a page with this Origin comes from this computer, through whichever port."""
+    """Whether this Origin is a page of this computer, on any port."""
     try:
         return is_loopback(urlsplit(origin).hostname or "")
     except ValueError:
@@ -722,36 +735,37 @@ def _is_local_origin(origin: str) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# Before ordinary programs while it sleeps nearly always: an answer should not wait for its turn on a processor.
+# Scheduling priority: above ordinary programs while the server is mostly idle, so that a reply does not wait for a
+# processor.
 
 
-_URGENT = -10  #: niceness; every loop goes before, and so does the console's page
-_FLOOD = 0.6  #: of a processor: who needs more is flooded, and takes its turn like any other
-_CALM = 0.4  #: and comes first again below
+_HIGH_PRIORITY_NICENESS = -10  #: below the priority of each loop and of the console's server
+_MAX_PROCESSOR_SHARE = 0.6  #: a server that uses more of one processor is flooded: normal priority
+_RESUME_PROCESSOR_SHARE = 0.4  #: below it, the priority is raised again
 
 
 @final
 class ServerPriority:
-    """Of this process; `look` at it now and then."""
+    """Scheduling priority of this process; call `update` periodically."""
 
     def __init__(self) -> None:
         self._time, self._used = monotonic(), process_time()
-        self._urgent = self._ask(_URGENT)
+        self._urgent = self._set_niceness(_HIGH_PRIORITY_NICENESS)
 
-    def look(self) -> None:
-        """Give way if clients keep the processor busy, come first again when they do not."""
+    def update(self) -> None:
+        """Use normal priority while clients keep the processor busy, high priority otherwise."""
         now, used = monotonic(), process_time()
         share = (used - self._used) / max(now - self._time, 1e-3)
         self._time, self._used = now, used
-        if self._urgent and share > _FLOOD:
-            self._ask(0)
+        if self._urgent and share > _MAX_PROCESSOR_SHARE:
+            self._set_niceness(0)
             self._urgent = False
-        elif not self._urgent and share < _CALM:
-            self._urgent = self._ask(_URGENT)
+        elif not self._urgent and share < _RESUME_PROCESSOR_SHARE:
+            self._urgent = self._set_niceness(_HIGH_PRIORITY_NICENESS)
 
     @staticmethod
-    def _ask(niceness: int) -> bool:
-        """Whether it was permitted."""
+    def _set_niceness(niceness: int) -> bool:
+        """Set the niceness of this process; returns whether it was permitted."""
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, 0, niceness)
             return True
@@ -759,11 +773,11 @@ class ServerPriority:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the servers of a run counted, for the run's report.
+# Error counts of the servers, for the report of the run.
 
 
-#: key of a server's report → what people read
-_COUNTS = {
+#: key of a server's report → text for the user
+_COUNT_TEXTS = {
     "dropped": "rows dropped because the server was too slow",
     "not_sent": "messages dropped for slow readers",
     "unread": "messages lost in a flood",
@@ -773,14 +787,14 @@ _COUNTS = {
 
 
 def describe_servers(servers: Sequence[Mapping[str, Any]]) -> list[str]:
-    """One line for each server that dropped or refused something; of the others there is nothing to say.
+    """Format one line for each server that dropped or refused something.
 
     >>> describe_servers([{"server": "osc", "refused": 3, "dropped": 0}, {"server": "lsl", "dropped": 0}])
     ['osc: 3 messages or connections refused']
     """
     lines = []
     for one in servers:
-        counted = [f"{one[key]} {text}" for key, text in _COUNTS.items() if one.get(key)]
+        counted = [f"{one[key]} {text}" for key, text in _COUNT_TEXTS.items() if one.get(key)]
         if counted:
             lines.append(f"{one['server']}: {'; '.join(counted)}")
     return lines

@@ -1,7 +1,7 @@
-"""`--serve foxglove[:PORT]`: the live view over WebSocket, to programs of this account on this computer only.
+"""Server of `--serve foxglove[:PORT]`: live view over WebSocket for programs of this account on this computer.
 
-The messages are foxglove-sdk's; the server is haptorb's own. That of the SDK (0.30.3) lets a page of any origin read
-along, and drops messages for a slow reader without telling how many.
+The messages are encoded by foxglove-sdk; the server is haptorb's own, because that of the SDK (0.30.3) accepts pages of
+any origin and drops messages for a slow reader without a count.
 """
 
 from __future__ import annotations
@@ -90,14 +90,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The device's shape as one SceneUpdate: the fixed parts in frame "stator", the moving ones in frame "mover".
+# Shape of the device as one SceneUpdate: fixed parts in frame "stator", moving parts in frame "mover".
 
 
 STATOR, MOVER = "stator", "mover"  #: names of the frames
 
-_SIDES = 36  #: of a round part
-_SPOT = 0.01  #: radius of a sensor or mark, in shares of the device's size
-_ROD = 0.004  #: thickness of a rod whose thickness is not known, the same
+_TUBE_SIDES = 36  #: polygon sides of a round part
+_SPOT_RADIUS_FRACTION = 0.01  #: radius of a sensor or mark, as a fraction of the device's size
+_ROD_THICKNESS_FRACTION = 0.004  #: thickness of a rod of unknown thickness, as a fraction of the device's size
 _COLOURS = {  # red, green, blue, opacity
     "coil": (0.80, 0.47, 0.24, 1.0),
     "magnet": (0.62, 0.64, 0.68, 1.0),
@@ -111,9 +111,9 @@ _COLOURS = {  # red, green, blue, opacity
 
 
 def make_shape(device: Device, stamp: Timestamp) -> SceneUpdate:
-    """Every part of `device` whose place is known, one entity each, in metres; of a kind without geometry, none.
+    """Describe every part of `device` with a known position as one entity, in metres; none for a kind without geometry.
 
-    Parts of the mover are at their places relative to the mover's origin, so that frame "mover" carries them.
+    Parts of the mover are relative to its origin, in frame "mover".
     """
     geometry = device.geometry()
     if geometry is None:
@@ -121,25 +121,25 @@ def make_shape(device: Device, stamp: Timestamp) -> SceneUpdate:
     rest = np.asarray(device.rest_position, dtype=np.float64)
     entities = [_describe_part(part, rest, stamp) for part in geometry.round_parts]
     entities += [_describe_ball(ball, stamp) for ball in geometry.balls]
-    entities += [_describe_spot(spot, _SPOT * geometry.size, stamp) for spot in geometry.spots]
-    entities += [_describe_rod(rod, rest, _ROD * geometry.size, stamp) for rod in geometry.rods]
+    entities += [_describe_spot(spot, _SPOT_RADIUS_FRACTION * geometry.size, stamp) for spot in geometry.spots]
+    entities += [_describe_rod(rod, rest, _ROD_THICKNESS_FRACTION * geometry.size, stamp) for rod in geometry.rods]
     return SceneUpdate(entities=entities)
 
 
-def make_tube(inner: float, outer: float, length: float, sides: int = _SIDES) -> tuple[Array, list[int]]:
-    """(points (n, 3) [m], indices of triangles, three each) of a tube about z, or of a solid cylinder if `inner` is 0.
+def make_tube(inner: float, outer: float, length: float, sides: int = _TUBE_SIDES) -> tuple[Array, list[int]]:
+    """Triangulate a tube about z, or a solid cylinder if `inner` is 0: points (n, 3) [m], three indices per triangle.
 
-    Seen from outside, the corners of each triangle run counterclockwise. [m]
+    Radii and length in metres; triangles are counterclockwise seen from outside.
     """
     angles = 2.0 * pi * np.arange(sides) / sides
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    # A ring of points for each edge of the profile, in the order in which it is walked: outside up, inside down.
+    # One ring of points per corner of the profile, in order: up the outside, down the inside.
     profile = ((outer, -length / 2), (outer, length / 2), (inner, length / 2), (inner, -length / 2))
     points = np.concatenate([np.column_stack([radius * circle, np.full(sides, z)]) for radius, z in profile])
     indices: list[int] = []
     for edge in range(4):
         here, there = edge * sides, (edge + 1) % 4 * sides
-        if inner == 0.0 and edge == 2:  # a solid one has no inner wall
+        if inner == 0.0 and edge == 2:  # a solid cylinder has no inner wall
             continue
         for i in range(sides):
             j = (i + 1) % sides
@@ -148,14 +148,14 @@ def make_tube(inner: float, outer: float, length: float, sides: int = _SIDES) ->
 
 
 def turn_to(axis: Sequence[float] | Array, start: Sequence[float] = (0.0, 0.0, 1.0)) -> tuple[float, ...]:
-    """The least rotation that brings the unit vector `start` to the unit vector `axis`, as a quaternion (x, y, z, w).
+    """Smallest rotation from the unit vector `start` to the unit vector `axis`, as a quaternion (x, y, z, w).
 
     >>> [round(number, 3) for number in turn_to((1.0, 0.0, 0.0))]
     [0.0, 0.707, 0.0, 0.707]
     """
     a, b = np.asarray(start, dtype=np.float64), np.asarray(axis, dtype=np.float64)
     w = 1.0 + float(a @ b)
-    if w < 1e-9:  # opposite: half a turn about any axis across
+    if w < 1e-9:  # opposite: 180° about any perpendicular axis
         across = np.cross(a, (1.0, 0.0, 0.0) if abs(a[0]) < 0.9 else (0.0, 1.0, 0.0))
         return (*(across / np.linalg.norm(across)).tolist(), 0.0)
     turn = np.array([*np.cross(a, b), w])
@@ -218,16 +218,20 @@ def _describe_rod(rod: Rod, rest: Array, thickness: float, stamp: Timestamp) -> 
 
 
 # --------------------------------------------------------------------------------------------------
-# What Foxglove receives about a topic before its first message: its name, and how its messages are read.
+# Topics as they are advertised to Foxglove: name, encoding and schema of the messages.
 
 
-_TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_TIME_SCHEMA = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
+}
 
 
 @final
 @dataclass(frozen=True)
 class Topic:
-    """A topic's name, the encoding of its messages, and their schema with its own encoding; `schema` is text."""
+    """Topic: name, encoding of its messages, and their schema (text) with its own encoding."""
 
     name: str
     encoding: str
@@ -236,7 +240,7 @@ class Topic:
     schema: str
 
     def describe(self, number: int) -> dict[str, Any]:
-        """The channel `number`, as the protocol's message `advertise` has it."""
+        """Describe the topic as channel `number` of the protocol's message `advertise`."""
         return {
             "id": number,
             "topic": self.name,
@@ -248,26 +252,26 @@ class Topic:
 
 
 def make_topic(name: str, kind: Any) -> Topic:
-    """The topic of messages of one of Foxglove's own types, a class of `foxglove.messages`."""
+    """Make a topic with messages of one of Foxglove's types, a class of `foxglove.messages`."""
     schema = kind.get_schema()
     return Topic(name, "protobuf", schema.name, schema.encoding, b64encode(schema.data).decode())
 
 
 def make_json_schema(name: str, title: str, properties: dict[str, Any]) -> Topic:
-    """The topic of JSON objects with these `properties` and a `timestamp` (sec, nsec since 1970-01-01 UTC)."""
-    schema = {"title": title, "type": "object", "properties": {"timestamp": _TIME, **properties}}
+    """Make a topic of JSON objects with these `properties` and a `timestamp` (sec, nsec since 1970-01-01 UTC)."""
+    schema = {"title": title, "type": "object", "properties": {"timestamp": _TIME_SCHEMA, **properties}}
     return Topic(name, "json", title, "jsonschema", json.dumps(schema, ensure_ascii=False))
 
 
 # --------------------------------------------------------------------------------------------------
-# Rows as messages that Foxglove's panels know: frames, pose, wrench, currents, temperatures, state, and an arrow.
+# Rows as messages for Foxglove's panels: frames, pose, wrench, currents, temperatures, state, and a force arrow.
 #
-# Poses, logs and scenes are Foxglove's own types (protobuf), numbers for plots JSON objects whose keys
+# Poses, logs and scenes are Foxglove's own types (protobuf); numbers for plots are JSON objects whose keys
 # end in the unit: _n newton, _nm newton metre, _a ampere, _c degree Celsius, _s second.
 
 
 ARROW = 0.01  #: length of the arrow of 1 N [m]
-_ICE = 273.15  #: [K]
+_ZERO_CELSIUS_K = 273.15  #: 0 °C [K]
 _AXES = ("x", "y", "z")
 _WRENCHES = ("asked", "modelled", "given")
 
@@ -275,8 +279,8 @@ _WRENCHES = ("asked", "modelled", "given")
 @final
 @dataclass(frozen=True)
 class RowTopic:
-    """A topic, how often a message of it is sent [Hz], what it is `about`, and how a row (width,) with its stamp [ns]
-    becomes a message."""
+    """Topic derived from rows: `rate` of its messages [Hz], description `about`, and `encode` from a row (width,) and
+    its time stamp [ns]."""
 
     topic: Topic
     rate: float
@@ -286,7 +290,7 @@ class RowTopic:
 
 @final
 class RowMessages:
-    """The topics of rows of `layout` of `device`."""
+    """Encoders of the topics for rows of `layout` of `device`."""
 
     def __init__(self, device: Device, layout: RowLayout) -> None:
         self._layout, self._coils, self._moded = layout, _name_coils(device), bool(device.kind.modes)
@@ -347,10 +351,10 @@ class RowMessages:
             ),
         )
 
-    def _take(self, row: Array, name: str) -> list[float]:
+    def _read_field(self, row: Array, name: str) -> list[float]:
         return [float(number) for number in row[self._layout[name]]]
 
-    def _number(self, row: Array, name: str) -> float:
+    def _read_number(self, row: Array, name: str) -> float:
         return float(row[self._layout[name].start])
 
     def _encode_frames(self, row: Array, stamp: int) -> bytes:
@@ -362,8 +366,8 @@ class RowMessages:
                 timestamp=make_stamp(stamp),
                 parent_frame_id=STATOR,
                 child_frame_id=name,
-                translation=_make_vector(self._take(row, place)),
-                rotation=_make_turn(self._take(row, turn)),
+                translation=_make_vector(self._read_field(row, place)),
+                rotation=_make_quaternion(self._read_field(row, turn)),
             )
             for name, place, turn in frames
             if np.isfinite(row[self._layout[place]]).all() and np.isfinite(row[self._layout[turn]]).all()
@@ -371,15 +375,19 @@ class RowMessages:
         return FrameTransforms(transforms=transforms).encode()
 
     def _encode_pose(self, row: Array, stamp: int) -> bytes:
-        pose = Pose(position=_make_vector(self._take(row, "p")), orientation=_make_turn(self._take(row, "q")))
+        pose = Pose(
+            position=_make_vector(self._read_field(row, "p")), orientation=_make_quaternion(self._read_field(row, "q"))
+        )
         return PoseInFrame(timestamp=make_stamp(stamp), frame_id=STATOR, pose=pose).encode()
 
     def _encode_arrow(self, row: Array, stamp: int) -> bytes:
-        force, place = row[self._layout["modelled"]][:3], self._take(row, "p")
+        force, place = row[self._layout["modelled"]][:3], self._read_field(row, "p")
         size = float(np.linalg.norm(force))
         arrows = []
         if math.isfinite(size) and size > 1e-6 and all(map(math.isfinite, place)):
-            pose = Pose(position=_make_vector(place), orientation=_make_turn(turn_to(force / size, (1.0, 0.0, 0.0))))
+            pose = Pose(
+                position=_make_vector(place), orientation=_make_quaternion(turn_to(force / size, (1.0, 0.0, 0.0)))
+            )
             length = ARROW * size
             arrows.append(
                 ArrowPrimitive(
@@ -393,37 +401,39 @@ class RowMessages:
     def _encode_wrench(self, row: Array, stamp: int) -> bytes:
         found = {}
         for name in _WRENCHES:
-            numbers = self._take(row, name)
-            found[name] = {"force_n": _by_name(_AXES, numbers[:3]), "torque_nm": _by_name(_AXES, numbers[3:])}
+            numbers = self._read_field(row, name)
+            found[name] = {"force_n": _zip_names(_AXES, numbers[:3]), "torque_nm": _zip_names(_AXES, numbers[3:])}
         return _to_json(found, stamp)
 
     def _encode_currents(self, row: Array, stamp: int) -> bytes:
-        wanted, measured = (_by_name(self._coils, self._take(row, name)) for name in ("wanted", "currents"))
+        wanted, measured = (_zip_names(self._coils, self._read_field(row, name)) for name in ("wanted", "currents"))
         return _to_json({"wanted_a": wanted, "measured_a": measured}, stamp)
 
     def _encode_temperatures(self, row: Array, stamp: int) -> bytes:
         found = {}
         for name in ("winding", "boundary"):
-            found[f"{name}_c"] = _by_name(self._coils, [kelvin - _ICE for kelvin in self._take(row, name)])
-        remaining = _to_plain(self._number(row, "remaining"))
+            found[f"{name}_c"] = _zip_names(
+                self._coils, [kelvin - _ZERO_CELSIUS_K for kelvin in self._read_field(row, name)]
+            )
+        remaining = _to_plain(self._read_number(row, "remaining"))
         return _to_json({**found, "remaining_s": remaining}, stamp)
 
     def _encode_state(self, row: Array, stamp: int) -> bytes:
         found = {
-            "guard": name_code(GuardState, self._number(row, "guard")),
-            "trip": name_code(Trip, self._number(row, "trip")),
-            "coils": name_code(CoilState, self._number(row, "coil_state")),
-            "gain": _to_plain(self._number(row, "gain")),
-            "valid": self._number(row, "valid") == 1.0,
-            "tick": _to_plain(self._number(row, "tick")),
-            "lateness_s": _to_plain(self._number(row, "lateness")),
-            "age_s": _to_plain(self._number(row, "age")),
+            "guard": name_code(GuardState, self._read_number(row, "guard")),
+            "trip": name_code(Trip, self._read_number(row, "trip")),
+            "coils": name_code(CoilState, self._read_number(row, "coil_state")),
+            "gain": _to_plain(self._read_number(row, "gain")),
+            "valid": self._read_number(row, "valid") == 1.0,
+            "tick": _to_plain(self._read_number(row, "tick")),
+            "lateness_s": _to_plain(self._read_number(row, "lateness")),
+            "age_s": _to_plain(self._read_number(row, "age")),
         }
         return _to_json(found, stamp)
 
 
 def name_code(kind: Any, code: float) -> str:
-    """The name of `code` among those of `kind`; "unknown" for no code of it.
+    """Name of `code` in the enumeration `kind`; "unknown" for a code that it lacks.
 
     >>> name_code(GuardState, 2.0), name_code(Trip, float("nan"))
     ('running', 'unknown')
@@ -432,13 +442,13 @@ def name_code(kind: Any, code: float) -> str:
 
 
 def _name_coils(device: Device) -> list[str]:
-    """The names of the coils, as paths of Foxglove's plots can have them."""
+    """Names of the coils, valid in message paths of Foxglove's plots."""
     names = device.coils.names
     return [name if name.isidentifier() else f"coil_{name}" for name in names]
 
 
 def make_stamp(nanoseconds: int) -> Timestamp:
-    """A time since 1970-01-01 UTC [ns] as Foxglove has it."""
+    """Convert a time since 1970-01-01 UTC [ns] to Foxglove's Timestamp."""
     return Timestamp(nanoseconds // 10**9, nanoseconds % 10**9)
 
 
@@ -451,17 +461,17 @@ def _make_vector(numbers: list[float]) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
-def _make_turn(numbers: Any) -> Quaternion:
+def _make_quaternion(numbers: Any) -> Quaternion:
     x, y, z, w = numbers
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
-def _by_name(names: Any, numbers: list[float]) -> dict[str, float | None]:
+def _zip_names(names: Any, numbers: list[float]) -> dict[str, float | None]:
     return {name: _to_plain(number) for name, number in zip(names, numbers, strict=True)}
 
 
 def _to_plain(number: float) -> float | None:
-    """`number`, or null, for JSON knows neither NaN nor infinity."""
+    """Replace NaN and infinity by None, because JSON has neither."""
     return number if math.isfinite(number) else None
 
 
@@ -471,53 +481,53 @@ def _to_json(found: dict[str, Any], stamp: int) -> bytes:
 
 
 # --------------------------------------------------------------------------------------------------
-# One program that looks on: what it subscribed to, and the messages that wait for it.
+# Connection of one viewer: its subscriptions and its message queue.
 
 
-ROOM = 256  #: messages that wait for a viewer; of more, the oldest are dropped and counted
-_SUBSCRIPTIONS = 64  #: of one viewer
-_HEAD = struct.Struct("<BIQ")  #: operation 1 (message data), subscription, time [ns]
+ROOM = 256  #: messages queued for a viewer; above it, the oldest are dropped and counted
+_MAX_SUBSCRIPTIONS = 64  #: subscriptions of one viewer
+_MESSAGE_HEADER = struct.Struct("<BIQ")  #: operation 1 (message data), subscription, time [ns]
 
 
 @final
 class ViewerConnection:
-    """Holds the messages for one connection; its `name` is for people."""
+    """Subscriptions and message queue of one viewer; `name` is shown to the user."""
 
     def __init__(self, name: str, session: int, topics: int) -> None:
         self.name, self.session = name, session
         self._topics = topics
-        self._subscriptions: dict[int, int] = {}  # of the viewer: its number → topic
-        self._waiting: deque[bytes] = deque()
+        self._subscriptions: dict[int, int] = {}  # subscription id of the viewer → topic
+        self._queue: deque[bytes] = deque()
         self._arrival = asyncio.Event()
-        self.sent = 0  #: messages that were given to its connection
-        self.dropped = 0  #: messages that it was too slow for
+        self.sent = 0  #: messages passed to the connection
+        self.dropped = 0  #: messages dropped because the viewer read too slowly
 
     def is_subscribed(self, topic: int) -> bool:
-        """Whether it subscribed to the topic with this number."""
+        """Whether the viewer subscribed to the topic with this number."""
         return topic in self._subscriptions.values()
 
-    def offer(self, topic: int, data: bytes, stamp: int) -> None:
-        """The message `data` of a topic, of the time `stamp` [ns since 1970 UTC], once for each of its
-        subscriptions."""
+    def enqueue(self, topic: int, data: bytes, stamp: int) -> None:
+        """Enqueue the message `data` of a topic, time `stamp` [ns since 1970 UTC], once per subscription to it."""
         for number, wanted in self._subscriptions.items():
             if wanted == topic:
-                if len(self._waiting) >= ROOM:
-                    self._waiting.popleft()
+                if len(self._queue) >= ROOM:
+                    self._queue.popleft()
                     self.dropped += 1
-                self._waiting.append(_HEAD.pack(1, number, stamp) + data)
+                self._queue.append(_MESSAGE_HEADER.pack(1, number, stamp) + data)
                 self._arrival.set()
 
-    async def take(self) -> bytes:
-        """The oldest message, when there is one."""
-        while not self._waiting:
+    async def dequeue(self) -> bytes:
+        """Wait for the oldest queued message and remove it from the queue."""
+        while not self._queue:
             self._arrival.clear()
             await self._arrival.wait()
         self.sent += 1
-        return self._waiting.popleft()
+        return self._queue.popleft()
 
-    def take_message(self, text: str | bytes) -> list[int]:
-        """Do what the viewer's program asks; returns the topics that are new to it. What is none of the protocol's
-        subscriptions is passed over: a viewer may ask for more than a server has."""
+    def handle_message(self, text: str | bytes) -> list[int]:
+        """Apply a subscription message of the viewer; returns the newly subscribed topics.
+
+        Other messages are ignored: a viewer may request more than this server offers."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
@@ -526,9 +536,9 @@ class ViewerConnection:
             return []
         match message.get("op"):
             case "subscribe":
-                return [topic for one in _list(message.get("subscriptions")) for topic in self._subscribe(one)]
+                return [topic for one in _read_entries(message.get("subscriptions")) for topic in self._subscribe(one)]
             case "unsubscribe":
-                for number in _list(message.get("subscriptionIds")):
+                for number in _read_entries(message.get("subscriptionIds")):
                     if isinstance(number, int):
                         self._subscriptions.pop(number, None)
         return []
@@ -537,32 +547,32 @@ class ViewerConnection:
         number, topic = (asked.get("id"), asked.get("channelId")) if isinstance(asked, dict) else (None, None)
         if not _is_number(number) or not _is_number(topic):
             return []
-        if not 1 <= topic <= self._topics or len(self._subscriptions) >= _SUBSCRIPTIONS:
+        if not 1 <= topic <= self._topics or len(self._subscriptions) >= _MAX_SUBSCRIPTIONS:
             return []
         self._subscriptions[number] = topic
         return [topic]
 
 
-def _list(value: Any) -> list[Any]:
-    return value[:_SUBSCRIPTIONS] if isinstance(value, list) else []
+def _read_entries(value: Any) -> list[Any]:
+    return value[:_MAX_SUBSCRIPTIONS] if isinstance(value, list) else []
 
 
 def _is_number(value: Any) -> TypeGuard[int]:
-    """Whether the protocol can have `value` as the number of a subscription or channel."""
+    """Whether `value` is a valid id of a subscription or channel (uint32)."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 32
 
 
 # --------------------------------------------------------------------------------------------------
-# Everything that viewers get: rows as messages when they are due, the device's shape, and what happened.
+# Publisher for all viewers: rows at the rates of the topics, the device's shape, and a log.
 
 
-_REMEMBERED = 50  #: log messages that a new viewer gets
-_NAME = "haptorb"
+_MAX_LOG_MESSAGES = 50  #: log messages sent to a new viewer
+_LOG_SOURCE = "haptorb"
 
 
 @final
 class LiveView:
-    """The topics of `served`, and the viewers that look at them."""
+    """Topics of `served` and the viewers that are connected to them."""
 
     def __init__(self, served: ServedDevice) -> None:
         self._served = served
@@ -570,28 +580,28 @@ class LiveView:
         self._due = [float("-inf")] * len(self._rows)
         self._utc = time_ns() - monotonic_ns()
         shape, log = make_topic("/shape", SceneUpdate), make_topic("/log", Log)
-        #: in the order of their numbers, which begin with 1
+        #: in the order of their channel ids, which begin with 1
         self.topics: tuple[Topic, ...] = (*(one.topic for one in self._rows), shape, log)
         self._shape, self._log = len(self.topics) - 1, len(self.topics)
-        self._happened: deque[tuple[int, bytes]] = deque(maxlen=_REMEMBERED)
-        self._before: tuple[float, float, float] | None = None  # guard, trip and world of the row before
+        self._past_log: deque[tuple[int, bytes]] = deque(maxlen=_MAX_LOG_MESSAGES)
+        self._last_logged: tuple[float, float, float] | None = None  # guard, trip and world of the previous row
         self.viewers: set[ViewerConnection] = set()
 
-    def welcome(self, viewer: ViewerConnection, topics: list[int]) -> None:
-        """Give `viewer` what belongs to its new `topics` and is not sent again: the shape, and what happened before."""
+    def enqueue_latched(self, viewer: ViewerConnection, topics: list[int]) -> None:
+        """Enqueue for `viewer` the messages of its new `topics` that are not repeated: the shape and the past log."""
         stamp = time_ns()
         if self._shape in topics:
-            viewer.offer(self._shape, make_shape(self._served.device, make_stamp(stamp)).encode(), stamp)
+            viewer.enqueue(self._shape, make_shape(self._served.device, make_stamp(stamp)).encode(), stamp)
         if self._log in topics:
-            for earlier, data in self._happened:
-                viewer.offer(self._log, data, earlier)
+            for earlier, data in self._past_log:
+                viewer.enqueue(self._log, data, earlier)
 
-    def show(self, rows: Array) -> None:
-        """Offer `rows` (n, width), oldest first, to the viewers that listen, each topic at its own rate."""
+    def publish(self, rows: Array) -> None:
+        """Publish `rows` (n, width), oldest first, to the subscribed viewers, each topic at its own rate."""
         t, wall = self._served.layout["t"].start, self._served.layout["wall"].start
         for row in rows:
             moment, stamp = float(row[t]), int(row[wall] * 1e9) + self._utc
-            self._note(row, stamp)
+            self._log_changes(row, stamp)
             for i, one in enumerate(self._rows):
                 if moment < self._due[i] - 1e-6:
                     continue
@@ -601,50 +611,52 @@ class LiveView:
                 if listening:
                     data = one.encode(row, stamp)
                     for viewer in listening:
-                        viewer.offer(i + 1, data, stamp)
+                        viewer.enqueue(i + 1, data, stamp)
 
-    def _note(self, row: Array, stamp: int) -> None:
-        """Log a trip, another state of the guard, another world."""
+    def _log_changes(self, row: Array, stamp: int) -> None:
+        """Log a trip, a change of the guard's state, and a change of the world."""
         layout = self._served.layout
         guard, trip, world = (float(row[layout[name].start]) for name in ("guard", "trip", "world"))
-        now, before = (guard, trip, world), self._before
+        now, before = (guard, trip, world), self._last_logged
         if now == before:
             return
-        self._before = now
+        self._last_logged = now
         if before is None or guard != before[0]:
             level = LogLevel.Error if guard == GuardState.TRIPPED else LogLevel.Info
             reason = next((one for one in Trip if one == trip), Trip.NONE)
             tripped = guard == GuardState.TRIPPED and reason is not Trip.NONE
             text = describe_trip(reason, self._served.facts["tracker"]) if tripped else name_code(GuardState, guard)
-            self._tell(level, f"trip {reason.name}: {text}" if tripped else f"guard: {text}", stamp)
+            self._publish_log(level, f"trip {reason.name}: {text}" if tripped else f"guard: {text}", stamp)
         if before is None or world != before[2]:
             name = self._served.world.get("name", "")
-            self._tell(LogLevel.Info, f"world: {name}", stamp)
+            self._publish_log(LogLevel.Info, f"world: {name}", stamp)
 
-    def _tell(self, level: LogLevel, text: str, stamp: int) -> None:
-        data = Log(timestamp=make_stamp(stamp), level=level, message=text, name=_NAME).encode()
-        self._happened.append((stamp, data))
+    def _publish_log(self, level: LogLevel, text: str, stamp: int) -> None:
+        data = Log(timestamp=make_stamp(stamp), level=level, message=text, name=_LOG_SOURCE).encode()
+        self._past_log.append((stamp, data))
         for viewer in self.viewers:
-            viewer.offer(self._log, data, stamp)
+            viewer.enqueue(self._log, data, stamp)
 
 
 FORM = "foxglove[:PORT]"
-PORT = 8766  #: unless another is given; 8765, which Foxglove proposes, is the console's
+PORT = 8766  #: default port; Foxglove's own default, 8765, is used by the console
 
 _PROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
-_POLL_INTERVAL_S = 0.005  #: between two looks for rows [s]
-_REPORT = 0.25  #: between two reports [s]
-_MAX_VIEWERS = 16  #: viewers
-_MAX_MESSAGE_BYTES = 65536  #: of a viewer's message [bytes]
-_UNSENT = 65536  #: bytes that wait in a connection; behind them, messages wait in the viewer's own queue
+_POLL_INTERVAL_S = 0.005  #: polling interval of the rows [s]
+_REPORT_INTERVAL_S = 0.25  #: between two reports [s]
+_MAX_VIEWERS = 16  #: viewers at the same time
+_MAX_MESSAGE_BYTES = 65536  #: longest message of a viewer [bytes]
+_MAX_UNSENT_BYTES = 65536  #: write buffer of a connection [bytes]; further messages wait in the viewer's queue
 
-#: Foxglove in the browser and on the desktop, and pages of this computer, such as a viewer of one's own
-_ORIGIN = re.compile(r"https://([a-z0-9-]+\.)*foxglove\.dev|file://|https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
-_HOST = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
+#: origins of Foxglove in the browser and on the desktop, and of pages of this computer, such as a user's own viewer
+_ORIGIN_PATTERN = re.compile(
+    r"https://([a-z0-9-]+\.)*foxglove\.dev|file://|https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"
+)
+_HOST_PATTERN = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
 
 
 def prepare(where: str) -> ServerPreparation:
-    """Open the PORT. Raises InputError if it cannot be had."""
+    """Open the PORT. Raises InputError if it is not available."""
     opened = open_port(check_port(where, FORM) if where else PORT, f"--serve {FORM}")
     address = f"ws://{LOOPBACK}:{opened.getsockname()[1]}"
     return ServerPreparation({"address": address, "token": choose_serve_token(LOOPBACK)}, address, [opened.detach()])
@@ -656,14 +668,14 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
 
 
 def is_trusted(origin: str | None, host: str | None) -> bool:
-    """Whether a connection with these headers may look on: a program (no origin), Foxglove, a page of this computer.
+    """Whether to accept a connection with these headers: a program (no origin), Foxglove, a page of this computer.
 
     >>> is_trusted("https://app.foxglove.dev", "localhost:8766"), is_trusted("https://example.org", "localhost:8766")
     (True, False)
     """
-    if host is None or not _HOST.fullmatch(host.lower()):  # safety: foxglove-host
+    if host is None or not _HOST_PATTERN.fullmatch(host.lower()):  # safety: foxglove-host
         return False
-    if origin is not None and not _ORIGIN.fullmatch(origin.lower()):  # noqa: SIM103  # safety: foxglove-origin
+    if origin is not None and not _ORIGIN_PATTERN.fullmatch(origin.lower()):  # noqa: SIM103  # safety: foxglove-origin
         return False
     return True
 
@@ -679,30 +691,30 @@ class _FoxgloveServer:
 
     async def run(self, opened: socket.socket) -> None:
         async with serve_websocket(
-            self._attend, sock=opened, subprotocols=_PROTOCOLS, process_request=self._check, compression=None,
-            max_size=_MAX_MESSAGE_BYTES, max_queue=4, write_limit=_UNSENT, server_header=None,
+            self._serve_viewer, sock=opened, subprotocols=_PROTOCOLS, process_request=self._check, compression=None,
+            max_size=_MAX_MESSAGE_BYTES, max_queue=4, write_limit=_MAX_UNSENT_BYTES, server_header=None,
             logger=_make_silent_logger(),
         ) as server:  # fmt: skip
             while not self._served.over:
-                self._view.show(self._served.read_rows())
-                if monotonic() - self._last >= _REPORT:
+                self._view.publish(self._served.read_rows())
+                if monotonic() - self._last >= _REPORT_INTERVAL_S:
                     self._report()
                 await asyncio.sleep(_POLL_INTERVAL_S)
             self._report()
             _abort(server)
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Refuse pages of other sites, programs of other accounts, and one viewer too many."""
+        """Refuse pages of other sites, programs of other accounts, and viewers above the maximum."""
         headers = request.headers
         try:
             trusted = is_trusted(headers.get("Origin"), headers.get("Host"))
-        except LookupError:  # a header that stands there twice
+        except LookupError:  # a duplicate header
             trusted = False
         if not trusted:
             self._refused += 1
             return connection.respond(http.HTTPStatus.FORBIDDEN, "pages of other sites may not connect\n")
         names = {name.lower(): value for name, value in headers.raw_items()}
-        names.pop("origin", None)  # `is_trusted` knows Foxglove's own
+        names.pop("origin", None)  # already checked by `is_trusted`, which also accepts Foxglove's
         transport = connection.transport
         own = is_own_connection(transport.get_extra_info("peername"), transport.get_extra_info("sockname"))
         if refusal := self._access.refuse(LOOPBACK, names, request.path, own=own):
@@ -715,7 +727,7 @@ class _FoxgloveServer:
             )
         return None
 
-    async def _attend(self, connection: ServerConnection) -> None:
+    async def _serve_viewer(self, connection: ServerConnection) -> None:
         address = connection.remote_address or ("?", 0)
         viewer = ViewerConnection(f"{address[0]}:{address[1]}", self._served.open_session(), len(self._view.topics))
         with contextlib.suppress(ConnectionClosed):
@@ -726,7 +738,7 @@ class _FoxgloveServer:
             self._view.viewers.add(viewer)
             try:
                 async for text in connection:
-                    self._view.welcome(viewer, viewer.take_message(text))
+                    self._view.enqueue_latched(viewer, viewer.handle_message(text))
             finally:
                 self._view.viewers.discard(viewer)
                 self._dropped += viewer.dropped
@@ -759,11 +771,11 @@ class _FoxgloveServer:
 async def _send(connection: ServerConnection, viewer: ViewerConnection) -> None:
     with contextlib.suppress(ConnectionClosed):
         while True:
-            await connection.send(await viewer.take())
+            await connection.send(await viewer.dequeue())
 
 
 def _abort(server: Server) -> None:
-    """End all connections at once: a viewer that does not read would be waited for."""
+    """Abort all connections: an orderly close would wait for a viewer that does not read."""
     for connection in list(server.connections):
         connection.transport.abort()
 

@@ -1,4 +1,7 @@
-"""The server of `--serve haply[:HOST][:PORT[:EVENTS]]`: its two ports, and the loop that serves them."""
+"""Server of `--serve haply[:HOST][:PORT[:EVENTS]]`: transport for clients of the Haply Inverse Service.
+
+Two ports: WebSocket and HTTP for clients, WebSocket for events.
+"""
 
 from __future__ import annotations
 
@@ -65,22 +68,22 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# HTTP on the port of the WebSocket: short requests, answered in JSON.
+# HTTP on the port of the WebSocket: short requests with JSON replies.
 
 
-_BODY = 65536  #: longest body of a request [bytes]
+_MAX_BODY_BYTES = 65536  #: longest body of a request [bytes]
 
 
 @record
 class HttpReply:
-    """The answer to a request: a status, and what its body says as JSON."""
+    """HTTP reply: status, and body to be encoded as JSON; a body of None is empty."""
 
     status: int
     body: Any
 
 
 def read_headers(head: bytes) -> dict[str, str]:
-    """The headers in the `head` of a request, their names in lower case.
+    """Parse the headers in the `head` of a request; names in lower case.
 
     >>> read_headers(b"GET / HTTP/1.1\\r\\nHost: localhost\\r\\nUpgrade: websocket")
     {'host': 'localhost', 'upgrade': 'websocket'}
@@ -95,11 +98,11 @@ def read_headers(head: bytes) -> dict[str, str]:
 
 @final
 class HttpExchange:
-    """Requests from `peer`, one after the other, each answered by `reply(method, target, body)`.
+    """HTTP connection with `peer`: sequential requests, each answered by `reply(method, target, body)`.
 
-    own   whether a program of this account has the connection
+    own   whether the client runs under this account
 
-    over  whether the connection is to be closed
+    over  whether to close the connection
     """
 
     def __init__(self, access: Access, peer: str, reply: Callable[[str, str, bytes], HttpReply], *, own: bool) -> None:
@@ -110,7 +113,7 @@ class HttpExchange:
         self._body = b""
 
     def receive(self, data: bytes) -> bytes:
-        """What is to be sent after `data` has come."""
+        """Process received `data`; returns the bytes to send."""
         answer = b""
         try:
             self._connection.receive_data(data)
@@ -122,7 +125,7 @@ class HttpExchange:
                     self._request, self._body = event, b""
                 elif isinstance(event, h11.Data):
                     self._body += bytes(event.data)
-                    if len(self._body) > _BODY:
+                    if len(self._body) > _MAX_BODY_BYTES:
                         return answer + self._write(
                             HttpReply(413, {"ok": False, "error": "the body is too long"}), None
                         )
@@ -138,7 +141,7 @@ class HttpExchange:
         except h11.RemoteProtocolError as cause:
             self.over = True
             return answer + self._write(HttpReply(cause.error_status_hint, {"ok": False, "error": str(cause)}), None)
-        except h11.LocalProtocolError:  # it has closed already
+        except h11.LocalProtocolError:  # the client has closed already
             self.over = True
             return answer
 
@@ -154,7 +157,7 @@ class HttpExchange:
         return self._write(self._reply(method, target, self._body), origin)
 
     def _write(self, reply: HttpReply, origin: str | None) -> bytes:
-        """`reply` for a page of `origin`, which was let in; None: for a program."""
+        """Encode `reply`, with CORS headers for a page of the accepted `origin`; None: for a program."""
         body = b"" if reply.body is None else json.dumps(reply.body).encode()
         headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
         if origin is not None:
@@ -177,88 +180,89 @@ class HttpExchange:
 
 
 # --------------------------------------------------------------------------------------------------
-# One connection on one of the two ports: a WebSocket that is answered at once, or a request over HTTP.
+# Connection on one of the two ports: WebSocket or HTTP, with limits so that no client starves the others.
 #
-# Messages are answered where they arrive, without a task or a queue between. Two are answered in a row, then another
-# connection has its turn; a client that does not read its replies is no longer read, and is closed after ten seconds. A
-# client that sends unreadable messages is read again a little later, a refused one is told so a little later, and what
-# follows a message that is too long is thrown away: none of them takes the processor from the others.
+# Messages are answered in the receive callback, without a task or a queue. After two answers other connections have
+# their turn. A client that does not read its replies is no longer read, and is closed after ten seconds. After an
+# invalid message reading is paused for a moment, a refusal is sent with a delay, and data after a message that is too
+# long is discarded.
 
 
-_ROOM = 4096  #: bytes that are read at once: a flood of small messages does not keep the others waiting
-_MESSAGE = 65536  #: longest message [bytes]
-_PARTS = 256  #: of one message: a client that never ends it must not fill the memory with empty ones
-_HEAD = 16384  #: of a request [bytes]
-_IN_A_ROW = 2  #: messages of one client that are answered before others have their turn
-_UNREAD = 65536  #: bytes of answers that may wait for a client that does not read
+_READ_BUFFER_BYTES = 4096  #: read at once; limits how long a flood of small messages delays the others [bytes]
+_MAX_MESSAGE_BYTES = 65536  #: longest message [bytes]
+_MAX_FRAGMENTS = 256  #: per message: endless empty fragments must not fill the memory
+_MAX_HEAD_BYTES = 16384  #: longest head of a request [bytes]
+_MAX_CONSECUTIVE_ANSWERS = 2  #: answers to one client before other connections have their turn
+_MAX_UNREAD_BYTES = 65536  #: write buffer for a client that does not read [bytes]
 _CLIENT_TIMEOUT_S = 10.0  #: for a request, or for a client to read [s]
-_REST = 0.005  #: after a message that cannot be read [s]
-_REFUSAL = 0.05  #: before a refusal: a client that retries at once does so twenty times a second [s]
-_WASTE = 262144  #: bytes that are thrown away at once
-_CLOSE_TIMEOUT_S = 1.0  #: for a client whose message was too long to read why [s]
+_INVALID_MESSAGE_DELAY_S = 0.005  #: pause in reading after an invalid message [s]
+_REFUSAL_DELAY_S = 0.05  #: before a refusal is sent: limits a client that retries at once to 20 attempts per second [s]
+_DISCARD_BUFFER_BYTES = 262144  #: data discarded at once [bytes]
+_CLOSE_TIMEOUT_S = 1.0  #: for a client to read why its message was refused as too long [s]
 
 
 class Endpoint(ABC):
-    """What stands behind a port."""
+    """Handler of the connections on one port."""
 
     access: Access
-    alive: float  #: when this process last looked for what came, on the monotonic clock [s]
+    alive: float  #: last time at which this process was seen running, on the monotonic clock [s]
     connections: set[Connection]
-    room: int  #: how many connections there may be at once
+    room: int  #: connections at most
 
     @abstractmethod
     def open(self, connection: Connection) -> None:
-        """A WebSocket is open: send it what it must know."""
+        """Send the initial message of a new WebSocket."""
 
     @abstractmethod
     def answer(self, connection: Connection, message: bytes, arrival: float) -> str | None:
-        """The answer to a message that came at `arrival` on the monotonic clock [s]; None: there is none. A message
-        that cannot be read lets the connection `rest`."""
+        """Answer a message that arrived at `arrival` on the monotonic clock [s]; None: no answer.
+
+        After an invalid message it calls `delay_reading` of the connection."""
 
     @abstractmethod
     def close(self, connection: Connection) -> None:
-        """The connection is lost, however it ended."""
+        """Release the resources of a closed connection."""
 
     @abstractmethod
     def reply(self, method: str, target: str, body: bytes) -> HttpReply:
-        """The answer to a request over HTTP."""
+        """Answer an HTTP request."""
 
 
 @final
 class Connection(asyncio.BufferedProtocol):
-    """A client of `endpoint`, at the address `peer`."""
+    """Connection of one client of `endpoint`; `peer` is its IP address."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         self.endpoint, self.peer, self._own = endpoint, "", False
         self._times, self._descriptor, self._arrival = StreamTimes(), -1, 0.0
-        self._buffer = bytearray(_ROOM)
+        self._buffer = bytearray(_READ_BUFFER_BYTES)
         self._head = b""
         self._websocket: ServerProtocol | None = None
         self._exchange: HttpExchange | None = None
-        self._open = self._paused = self._failed = self._rests = False
-        self._parts: list[bytes] = []  # of a message that comes in several frames
-        self._waiting: deque[tuple[float, bytes]] = deque()  # whole messages, each with its arrival [s]
+        self._open = self._paused = self._failed = self._delayed = False
+        self._parts: list[bytes] = []  # of a fragmented message
+        self._waiting: deque[tuple[float, bytes]] = deque()  # complete messages, each with its arrival [s]
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """A client has connected."""
+        """Register a new connection; refuse it if there are too many."""
         self._transport = cast(asyncio.Transport, transport)
-        self._transport.set_write_buffer_limits(high=_UNREAD)
+        self._transport.set_write_buffer_limits(high=_MAX_UNREAD_BYTES)
         peer, self._descriptor = transport.get_extra_info("peername"), transport.get_extra_info("socket").fileno()
         self.peer = str((peer or ("",))[0])
         self._own = is_own_connection(peer, transport.get_extra_info("sockname"))
         self.endpoint.connections.add(self)
-        self._wait()
+        self._start_timeout()
         if len(self.endpoint.connections) > self.endpoint.room:
             self._transport.write(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
             self._transport.close()
 
     def get_buffer(self, sizehint: int) -> bytearray:
-        """Where the next bytes go."""
+        """Return the receive buffer."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Bytes have come."""
+        """Process received bytes: head of the first request, HTTP, or WebSocket."""
         if self._failed:
             return
         now = monotonic()
@@ -274,15 +278,15 @@ class Connection(asyncio.BufferedProtocol):
             self._read_head(data)
 
     def _read_head(self, data: bytes) -> None:
-        """Until the head of the first request has arrived, its kind is unknown."""
+        """Collect the head of the first request, which tells WebSocket from HTTP."""
         self._head += data
         end = self._head.find(b"\r\n\r\n")
-        if end < 0 and len(self._head) <= _HEAD:
+        if end < 0 and len(self._head) <= _MAX_HEAD_BYTES:
             return
         data, self._head = self._head, b""
         headers = read_headers(data[: max(end, 0)])
         if headers.get("upgrade", "").lower() == "websocket":
-            self._websocket = ServerProtocol(max_size=_MESSAGE)
+            self._websocket = ServerProtocol(max_size=_MAX_MESSAGE_BYTES)
             self._receive(data)
         else:
             self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply, own=self._own)
@@ -290,7 +294,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def _serve_http(self, data: bytes) -> None:
         assert self._exchange is not None
-        self._wait()
+        self._start_timeout()
         self._transport.write(self._exchange.receive(data))
         if self._exchange.over:
             self._transport.close()
@@ -301,28 +305,28 @@ class Connection(asyncio.BufferedProtocol):
         websocket.receive_data(data)
         for event in websocket.events_received():
             if isinstance(event, Request):
-                self._shake_hands(websocket, event)
+                self._handle_handshake(websocket, event)
             elif isinstance(event, Frame):
-                self._collect(event)
+                self._collect_frame(event)
         self._flush()
         if websocket.parser_exc is not None:
-            self._failed, self._buffer = True, bytearray(_WASTE)
-            self._wait(_CLOSE_TIMEOUT_S)
+            self._failed, self._buffer = True, bytearray(_DISCARD_BUFFER_BYTES)
+            self._start_timeout(_CLOSE_TIMEOUT_S)
             return
-        self._work()
+        self._answer_waiting()
 
-    def _shake_hands(self, websocket: ServerProtocol, request: Request) -> None:
+    def _handle_handshake(self, websocket: ServerProtocol, request: Request) -> None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
         refusal = self.endpoint.access.refuse(self.peer, headers, request.path, own=self._own)
         if refusal:
             self._transport.pause_reading()
-            asyncio.get_running_loop().call_later(_REFUSAL, self._refuse, websocket.reject(403, f"{refusal}\n"))
+            asyncio.get_running_loop().call_later(_REFUSAL_DELAY_S, self._refuse, websocket.reject(403, f"{refusal}\n"))
             return
         websocket.send_response(websocket.accept(request))
         self._flush()
         if websocket.state is OPEN:
             self._open = True
-            self._stop_waiting()
+            self._cancel_timeout()
             self.endpoint.open(self)
 
     def _refuse(self, response: Response) -> None:
@@ -331,68 +335,68 @@ class Connection(asyncio.BufferedProtocol):
             self._websocket.send_response(response)
             self._flush()
 
-    def _collect(self, frame: Frame) -> None:
-        """Text or binary, in one frame or in several."""
+    def _collect_frame(self, frame: Frame) -> None:
+        """Collect a text or binary frame; a complete message is appended to the waiting ones."""
         if frame.opcode not in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
-            return  # the protocol itself answers a ping
+            return  # a ping is answered by the protocol library
         if frame.fin and not self._parts:
             self._waiting.append((self._arrival, bytes(frame.data)))
             return
         self._parts.append(bytes(frame.data))
-        if len(self._parts) > _PARTS:
+        if len(self._parts) > _MAX_FRAGMENTS:
             self.end(1009, "a message has too many fragments")
             return
         if frame.fin:
             self._waiting.append((self._arrival, b"".join(self._parts)))
             self._parts = []
 
-    def _work(self) -> None:
-        """Answer what waits: a few messages, then others have their turn."""
-        if self._rests:
+    def _answer_waiting(self) -> None:
+        """Answer a few waiting messages, then yield to other connections."""
+        if self._delayed:
             return
-        for _ in range(_IN_A_ROW):
-            if not self._waiting or self._paused or self._rests or not self._open:
+        for _ in range(_MAX_CONSECUTIVE_ANSWERS):
+            if not self._waiting or self._paused or self._delayed or not self._open:
                 break
             arrival, message = self._waiting.popleft()
             answer = self.endpoint.answer(self, message, arrival)
             if answer is not None:
                 self.send(answer)
-        if self._rests:
-            self._pause()
-            asyncio.get_running_loop().call_later(_REST, self._wake)
+        if self._delayed:
+            self._pause_reading()
+            asyncio.get_running_loop().call_later(_INVALID_MESSAGE_DELAY_S, self._end_delay)
         elif self._waiting and self._open and not self._paused:
-            self._pause()
-            asyncio.get_running_loop().call_soon(self._go_on)
+            self._pause_reading()
+            asyncio.get_running_loop().call_soon(self._continue)
         elif not self._paused and self._open:
             self._transport.resume_reading()
 
-    def _pause(self) -> None:
-        """Read nothing: what comes meanwhile waits, and grows old."""
+    def _pause_reading(self) -> None:
+        """Pause reading; data that arrives meanwhile waits in the kernel, and its age is counted."""
         if self._transport.is_reading():
             self._times.wait(monotonic())
         self._transport.pause_reading()
 
-    def rest(self) -> None:
-        """Read nothing for a while: the message was nonsense."""
-        self._rests = True
+    def delay_reading(self) -> None:
+        """Pause reading for a moment, after an invalid message."""
+        self._delayed = True
 
-    def _wake(self) -> None:
-        self._rests = False
-        self._go_on()
+    def _end_delay(self) -> None:
+        self._delayed = False
+        self._continue()
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         if self._open and not self._paused:
-            self._work()
+            self._answer_waiting()
 
     def send(self, text: str) -> None:
-        """One message, in text."""
+        """Send one text message, if the WebSocket is open."""
         if self._open and self._websocket is not None and self._websocket.state is OPEN:
             self._websocket.send_text(text.encode())
             self._flush()
 
     @property
     def unread(self) -> int:
-        """Bytes that were sent and that the client has not fetched."""
+        """Bytes in the write buffer, not yet read by the client."""
         return self._transport.get_write_buffer_size()
 
     def _flush(self) -> None:
@@ -403,69 +407,69 @@ class Connection(asyncio.BufferedProtocol):
             else:
                 self._transport.close()
         if self._websocket.close_expected() and self._timer is None:
-            self._wait()
+            self._start_timeout()
 
     def end(self, code: int, why: str) -> None:
-        """Close it in order."""
+        """Close the WebSocket with `code` and the reason `why`."""
         if self._open and self._websocket is not None and self._websocket.state is OPEN:
             self._websocket.send_close(code, why)
             self._flush()
         self._transport.close()
 
     def pause_writing(self) -> None:
-        """The client does not read: nothing is read from it either, and after a while it is closed."""
+        """Pause reading from a client that does not read, and close it after a timeout."""
         self._paused = True
-        self._pause()
-        self._wait()
+        self._pause_reading()
+        self._start_timeout()
 
     def resume_writing(self) -> None:
-        """It reads again."""
+        """Continue with a client that reads again."""
         self._paused = False
         if self._failed:
             return
-        self._stop_waiting()
-        self._go_on()
+        self._cancel_timeout()
+        self._continue()
 
     def eof_received(self) -> bool:
-        """The client has nothing more to say: this side closes as well."""
+        """Close the connection when the client has closed its side."""
         return False
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It is gone, however it ended."""
-        self._stop_waiting()
+        """Cancel the timeout, unregister the connection and notify the endpoint."""
+        self._cancel_timeout()
         self.endpoint.connections.discard(self)
         if self._open:
             self._open = False
             self.endpoint.close(self)
 
-    def _wait(self, patience: float = _CLIENT_TIMEOUT_S) -> None:
-        self._stop_waiting()
+    def _start_timeout(self, patience: float = _CLIENT_TIMEOUT_S) -> None:
+        self._cancel_timeout()
         self._timer = asyncio.get_running_loop().call_later(patience, self._transport.abort)
 
-    def _stop_waiting(self) -> None:
+    def _cancel_timeout(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
 
 # --------------------------------------------------------------------------------------------------
-# Whom a request over HTTP means: the device in its path, and the sessions of its ?session=.
+# Selectors of an HTTP request: the device in its path, and the sessions of its ?session=.
 
 
 TOOL, GRIP = "inverse3", "wireless_verse_grip"
 _FAMILIES = {TOOL: TOOL, "*inverse": TOOL, GRIP: GRIP, "*verse_grip": GRIP}
-_MAX_SELECTOR_CHARACTERS = 100  #: of a selector [characters]
-_NUMBER = re.compile(r"#?(\d{1,9})")
-_INDEX = re.compile(r"(.*?):(-?\d{1,4})")
-_NAMELESS = "default"  #: profile of a session that has not said its name
+_MAX_SELECTOR_CHARACTERS = 100  #: longest selector that is used or quoted [characters]
+_NUMBER_PATTERN = re.compile(r"#?(\d{1,9})")
+_INDEX_PATTERN = re.compile(r"(.*?):(-?\d{1,4})")
+_DEFAULT_PROFILE = "default"  #: profile of a session without a name
 
 
 class AmbiguousDevice(InputError):
-    """A request that needs one device names several."""
+    """Raised for a request that needs one device and selects several."""
 
 
 def find_kind(identity: DeviceIds, kind: str, which: str, *, one: bool) -> str:
-    """The device's type that `kind`/`which` of a path means: a type or a family, and an id, an index or *.
+    """Find the device type of a path `kind`/`which`: a type or a family, and an id, an index or *.
 
     Raises InputError if there is no such device, AmbiguousDevice for * where `one` is needed.
     """
@@ -480,18 +484,19 @@ def find_kind(identity: DeviceIds, kind: str, which: str, *, one: bool) -> str:
 
 
 def find_session(sessions: Sequence[Session], text: str) -> Session:
-    """The session that `text` selects: its number (7 or #7), its place (:0, :-1), or its profile, in which * and ?
-    stand for any letters, and of several with that profile the one at a place (name:1).
+    """Find the session that `text` selects: by number (7 or #7), by index (:0, :-1), or by profile.
+
+    A profile may contain the wildcards * and ?; of several matches an index selects one (name:1).
 
     Raises InputError if there is none.
     """
-    if (number := _NUMBER.fullmatch(text)) is not None:
+    if (number := _NUMBER_PATTERN.fullmatch(text)) is not None:
         found = [one for one in sessions if one.number == int(number[1])]
         return _choose(found, 0, text, sessions)
-    parts = _INDEX.fullmatch(text)
+    parts = _INDEX_PATTERN.fullmatch(text)
     pattern, place = (parts[1], int(parts[2])) if parts else (text, 0)
-    pattern = pattern.removeprefix(":")[:_MAX_SELECTOR_CHARACTERS].replace("[", "[[]")  # a bracket is a letter there
-    found = [one for one in sessions if not pattern or fnmatchcase(one.name or _NAMELESS, pattern)]
+    pattern = pattern.removeprefix(":")[:_MAX_SELECTOR_CHARACTERS].replace("[", "[[]")  # a bracket is literal
+    found = [one for one in sessions if not pattern or fnmatchcase(one.name or _DEFAULT_PROFILE, pattern)]
     return _choose(found, place, text, sessions)
 
 
@@ -504,26 +509,30 @@ def _choose(found: Sequence[Session], place: int, text: str, sessions: Sequence[
 
 
 # --------------------------------------------------------------------------------------------------
-# The HTTP routes of that service: version, devices, sessions, settings, and the config of a device.
+# HTTP routes of the Inverse Service: version, devices, sessions, settings, and the config of a device.
 
 
-_PROTOCOL = "3.5.0"  #: of the service whose documentation this follows
-_FIXED = ("torque_scaling", "gravity_compensation", "home_return")  #: what this device cannot be made to do
-_CONFIG = ("basis", "preset", "mount", "transform", "workspace", "filters", "damping", "force_gate", "handedness",
-           "navigation", *_FIXED)  # fmt: skip
-_OLD = {"device_handedness": "handedness"}  #: routes of version 3.0 whose names differ
-_OLDER = ("3.1", "3.0")  #: that some programs write before a route
+_PROTOCOL_VERSION = "3.5.0"  #: version of the Inverse Service whose documentation this follows
+_UNSUPPORTED_CONFIGS = (
+    "torque_scaling",
+    "gravity_compensation",
+    "home_return",
+)  #: configs that this device does not support
+_CONFIG_NAMES = ("basis", "preset", "mount", "transform", "workspace", "filters", "damping", "force_gate", "handedness",
+           "navigation", *_UNSUPPORTED_CONFIGS)  # fmt: skip
+_RENAMED_CONFIGS = {"device_handedness": "handedness"}  #: names of version 3.0 → present names
+_OLDER_VERSIONS = ("3.1", "3.0")  #: versions that some programs put before a route
 
 
 def reply(service: Service, method: str, target: str, body: bytes) -> HttpReply:
-    """The answer of `service` to a request: of /version and /devices as they are, of all others {ok: true, data}.
+    """Answer an HTTP request: /version and /devices with plain data, all others with {ok: true, data}.
 
     Errors are {ok: false, error}.
     """
     parts = urlsplit(target)
     query = parse_qs(parts.query)
     words = [unquote(word) for word in parts.path.split("/") if word]
-    if words and words[0] in _OLDER:
+    if words and words[0] in _OLDER_VERSIONS:
         del words[0]
     try:
         return _route(service, method, words, query, body)
@@ -547,8 +556,8 @@ def _route(service: Service, method: str, words: list[str], query: Mapping[str, 
                 return _answer({})
     if len(words) in (3, 4) and words[2] == "config":
         return _route_config(service, method, words, query, body)
-    if words and len(words) < 3 and (name := _OLD.get(words[-1], words[-1])) in _CONFIG:
-        service.tell("http-route-deprecated", "system", "warning", {"route": "/".join(words)[:100]})
+    if words and len(words) < 3 and (name := _RENAMED_CONFIGS.get(words[-1], words[-1])) in _CONFIG_NAMES:
+        service.send_event("http-route-deprecated", "system", "warning", {"route": "/".join(words)[:100]})
         return _refuse(404, f"'{words[-1]}' has another route now: /{TOOL}/0/config/{name}")
     return _refuse(404, "no such route; there are /version, /devices, /sessions, /settings and /TYPE/ID/config/NAME")
 
@@ -558,8 +567,8 @@ def _route_config(
 ) -> HttpReply:
     kind = find_kind(service.identity, words[0], words[1], one=method == "GET")
     name = words[3] if len(words) == 4 else ""
-    if name and (name not in _CONFIG or kind != TOOL):
-        return _refuse(404, f"{kind} has no config '{name}'; {TOOL} has {', '.join(_CONFIG)}")
+    if name and (name not in _CONFIG_NAMES or kind != TOOL):
+        return _refuse(404, f"{kind} has no config '{name}'; {TOOL} has {', '.join(_CONFIG_NAMES)}")
     session = _find_session(service, query)
     try:
         if method == "POST" and name:
@@ -581,8 +590,8 @@ def _route_config(
 
 
 def _restore(service: Service, session: Session | None, name: str) -> None:
-    """What `name` is without anybody's word."""
-    if name in _FIXED:
+    """Reset the config `name` to its default."""
+    if name in _UNSUPPORTED_CONFIGS:
         return
     first = default_space(service.served.device)
     name = "preset" if name == "mount" else name
@@ -590,7 +599,7 @@ def _restore(service: Service, session: Session | None, name: str) -> None:
 
 
 def _find_session(service: Service, query: Mapping[str, list[str]]) -> Session | None:
-    """The session that ?session= means; None, without: all of now, and all that connect from now on."""
+    """Session of the query ?session=; None without it: all sessions, present and future."""
     given = query.get("session", [])
     return find_session(list(service.sessions.values()), given[0]) if given else None
 
@@ -603,9 +612,9 @@ def _find_space(service: Service, query: Mapping[str, list[str]]) -> Space:
 def _describe_version() -> dict[str, Any]:
     return {
         "project_name": "haptorb",
-        "project_version": f"{_PROTOCOL}.0",
-        "git_tag": _PROTOCOL,
-        "git_describe": f"{_PROTOCOL}-haptorb-{__version__}",
+        "project_version": f"{_PROTOCOL_VERSION}.0",
+        "git_tag": _PROTOCOL_VERSION,
+        "git_describe": f"{_PROTOCOL_VERSION}-haptorb-{__version__}",
         "git_branch": "",
         "git_hash": "",
         "build_time": "",
@@ -630,89 +639,99 @@ def _refuse(status: int, error: str) -> HttpReply:
 
 
 # --------------------------------------------------------------------------------------------------
-# Events of that service: what happened to the device and its clients, for listeners on the second port.
+# Events of the Inverse Service about the device and its clients, for listeners on the second port.
 #
-# A trip is its emergency brake; damping that the passivity control adds is its ceiling of stability. Coils so warm that
-# less than the asked force is rendered have no word there: `thermal_derating` is this server's own.
+# A trip is reported as its emergency brake (ebrake), damping by the passivity control as its stability ceiling. It has
+# no event for a force reduced by warm coils: `thermal_derating` is specific to this server.
 
 
 Event: TypeAlias = tuple[str, str, str, dict[str, Any], str]  #: name, category, level, data, message
 
 
 def write_event(name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> str:
-    """One event as that service writes it."""
+    """Encode one event in the format of the Inverse Service."""
     return json.dumps({"name": name, "category": category, "level": level, "data": data, "message": message})
 
 
-_CALM = 1.0  #: what lasted, and was over for so long, is new when it comes again [s]
+_ONSET_GAP_S = 1.0  #: a condition that was absent for this long is reported again [s]
 
 
 @final
-class _Spell:
-    """Something that comes and goes in the rows: `has_begun` is true once for each time that it comes."""
+class _Onset:
+    """Onset detector for a condition in the rows: `has_begun` is true once per onset."""
 
     def __init__(self) -> None:
         self._last = float("-inf")
 
     def has_begun(self, there: bool, t: float) -> bool:
-        """Whether it has begun, given that it is `there` at the time `t` [s]."""
-        first = there and not self._last <= t < self._last + _CALM
+        """Whether the condition begins at the time `t` [s], given whether it is `there` now."""
+        first = there and not self._last <= t < self._last + _ONSET_GAP_S
         self._last = t if there else self._last
         return first
 
 
 @final
 class DeviceWatcher:
-    """Turns what the rows say into events: connection, trips, the way back, and what holds the force back."""
+    """Derives events from the rows: connection, trip, recovery, derating and added damping."""
 
     def __init__(self, served: ServedDevice, identity: DeviceIds) -> None:
         self._served, self._identity, self._cursor = served, identity, Cursor(served)
         self._tripped = False
-        self._warm, self._damped = _Spell(), _Spell()
+        self._warm, self._damped = _Onset(), _Onset()
 
-    def look(self) -> list[Event]:
-        """What has happened since the last look: name, category, level, data, message."""
+    def poll(self) -> list[Event]:
+        """Events since the last call: name, category, level, data, message."""
         cursor, found = self._cursor, list[Event]()
-        cursor.look()
+        cursor.update()
         if cursor.tripped and not self._tripped:
             reason = Trip(cursor.trip)
-            found.append(self._warn("ebrake_triggered", "error", reason.text, reason=reason.name.lower()))
+            found.append(self._make_safety_event("ebrake_triggered", "error", reason.text, reason=reason.name.lower()))
         elif self._tripped and cursor.ready:
-            found.append(self._warn("ebrake_released", "notice", "a person has switched the coils on"))
+            found.append(self._make_safety_event("ebrake_released", "notice", "a person has switched the coils on"))
             self._tripped = False
         self._tripped = self._tripped or cursor.tripped
         if self._warm.has_begun(cursor.derated, cursor.t):
-            found.append(self._warn("thermal_derating", "warning", "the coils are warm: less force is rendered"))
+            found.append(
+                self._make_safety_event("thermal_derating", "warning", "the coils are warm: less force is rendered")
+            )
         if self._damped.has_begun(cursor.damped, cursor.t):
-            found.append(self._warn("stability_ceiling", "warning", "damping is added: the force gave energy away"))
+            found.append(
+                self._make_safety_event("stability_ceiling", "warning", "damping is added: the force gave energy away")
+            )
         return found
 
-    def _warn(self, kind: str, level: str, message: str, **more: str) -> Event:
-        return ("device-safety-triggered", "device", level, {**self._name(), "safety_type": kind, **more}, message)
+    def _make_safety_event(self, kind: str, level: str, message: str, **more: str) -> Event:
+        return (
+            "device-safety-triggered",
+            "device",
+            level,
+            {**self._device_fields(), "safety_type": kind, **more},
+            message,
+        )
 
-    def _name(self) -> dict[str, Any]:
+    def _device_fields(self) -> dict[str, Any]:
         return {"device_family": "inverse", "device_id": self._identity.device}
 
     def introduce(self) -> str:
-        """For a listener that has just come: the device that is connected."""
+        """Encode the event of the connected device, for a new listener."""
         text = f"{self._served.device.title} is connected"
-        return write_event("device-connected", "device", "info", self._name(), text)
+        return write_event("device-connected", "device", "info", self._device_fields(), text)
 
     def end(self) -> Event:
-        """The servo has ended."""
-        return ("device-disconnected", "device", "warning", self._name(), "the servo has ended")
+        """Event for the end of the servo."""
+        return ("device-disconnected", "device", "warning", self._device_fields(), "the servo has ended")
 
 
-PORT, EVENTS = 10001, 10020  #: where that service is found
+PORT, EVENTS = 10001, 10020  #: default ports of the Inverse Service
 _FORM = KINDS["haply"].form
-_CLIENTS = 128  #: connections at once, on each port
-_EVENT_CHECK_INTERVAL_S = 0.02  #: between two looks for what happened [s]
-_REPORT = 0.5  #: between two reports of who is connected [s]
-_BEHIND = 32768  #: bytes that wait for a listener, behind which events are dropped
+_MAX_CONNECTIONS = 128  #: on each port
+_EVENT_CHECK_INTERVAL_S = 0.02  #: between two polls of the device's events [s]
+_REPORT_INTERVAL_S = 0.5  #: between two reports of the clients [s]
+_MAX_EVENT_BACKLOG_BYTES = 32768  #: unread bytes of a listener above which its events are dropped [bytes]
 
 
 def prepare(where: str) -> ServerPreparation:
-    """Both ports, open; `where` is PORT, PORT:EVENTS, or these behind an address of this computer to be reached at."""
+    """Open both ports; `where` is PORT or PORT:EVENTS, optionally after an address of this computer to listen on."""
     host, ports = _split_address(where)
     if len(ports) > 2:
         raise InputError(f"--serve {_FORM}: at most an address and two ports; got '{where}'")
@@ -745,9 +764,9 @@ def prepare(where: str) -> ServerPreparation:
 
 
 def _open_other_loopback(host: str, numbers: list[int], asked: tuple[int, int]) -> list[socket.socket]:
-    """Both ports on ::1 too, where `localhost` leads many programs first; none where this computer has no ::1.
+    """Open both ports on ::1 too, which many programs try first for `localhost`; none if this computer has no ::1.
 
-    Raises InputError if another program has a port that was asked for: programs would reach it instead.
+    Raises InputError if another program uses a requested port there: clients would connect to it instead.
     """
     opened = list[socket.socket]()
     try:
@@ -763,7 +782,7 @@ def _open_other_loopback(host: str, numbers: list[int], asked: tuple[int, int]) 
 
 
 def _split_address(where: str) -> tuple[str, list[str]]:
-    """(host, ports as texts): 10001:10020, HOST:10001, [::1]:10001."""
+    """Split 10001:10020, HOST:10001 or [::1]:10001 into the host and the ports as texts."""
     if where.startswith("["):
         host, _, rest = where[1:].partition("]")
         return host, [one for one in rest.removeprefix(":").split(":") if one]
@@ -773,14 +792,14 @@ def _split_address(where: str) -> tuple[str, list[str]]:
 
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
-    """Serve on both sockets until the servo ends."""
+    """Serve on the open sockets until `served.over`."""
     asyncio.run(_serve(spec, [socket.socket(fileno=one) for one in descriptors], served))
 
 
 async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: ServedDevice) -> None:
     access, loop = Access(spec["token"]), asyncio.get_running_loop()
     listeners = _EventEndpoint(access)
-    service = Service(served, listeners.tell)
+    service = Service(served, listeners.broadcast)
     clients = _ClientEndpoint(access, service)
     endpoints: list[Endpoint] = [clients, listeners]
     watcher = DeviceWatcher(served, service.identity)
@@ -792,16 +811,16 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     report, priority = 0.0, ServerPriority()
     while not served.over:
         clients.alive = listeners.alive = loop.time()
-        for event in watcher.look():
-            listeners.tell(*event)
+        for event in watcher.poll():
+            listeners.broadcast(*event)
         if loop.time() >= report:
-            report = loop.time() + _REPORT
+            report = loop.time() + _REPORT_INTERVAL_S
             _report(service, spec["address"])
-            priority.look()
+            priority.update()
         await asyncio.sleep(_EVENT_CHECK_INTERVAL_S / 4)
         clients.alive = listeners.alive = loop.time()
         await asyncio.sleep(_EVENT_CHECK_INTERVAL_S / 4)
-    listeners.tell(*watcher.end())
+    listeners.broadcast(*watcher.end())
     for server in servers:
         server.close()
     for endpoint in endpoints:
@@ -827,7 +846,7 @@ def _report(service: Service, address: str) -> None:
 @final
 class _ClientEndpoint(Endpoint):
     def __init__(self, access: Access, service: Service) -> None:
-        self.access, self.connections, self.room, self.alive = access, set(), _CLIENTS, monotonic()
+        self.access, self.connections, self.room, self.alive = access, set(), _MAX_CONNECTIONS, monotonic()
         self._service = service
         self._sessions: dict[Connection, Session] = {}
 
@@ -841,7 +860,7 @@ class _ClientEndpoint(Endpoint):
         unreadable = session.unreadable
         answer = self._service.answer(session, message, arrival)
         if session.unreadable > unreadable:
-            connection.rest()
+            connection.delay_reading()
         return answer
 
     def close(self, connection: Connection) -> None:
@@ -854,17 +873,17 @@ class _ClientEndpoint(Endpoint):
 
 @final
 class _EventEndpoint(Endpoint):
-    """Send events to a connection; what it sends is not read."""
+    """Endpoint of the event port; messages of listeners are ignored."""
 
     def __init__(self, access: Access) -> None:
-        self.access, self.connections, self.room, self.alive = access, set(), _CLIENTS, monotonic()
-        self.first: Callable[[], str] = str  #: the first message to a new client
+        self.access, self.connections, self.room, self.alive = access, set(), _MAX_CONNECTIONS, monotonic()
+        self.first: Callable[[], str] = str  #: returns the first message to a new listener
 
-    def tell(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
-        """One event to all; who is slow to read misses it."""
+    def broadcast(self, name: str, category: str, level: str, data: dict[str, Any], message: str = "") -> None:
+        """Send one event to all listeners, except those that read too slowly."""
         text = write_event(name, category, level, data, message)
         for connection in list(self.connections):
-            if connection.unread < _BEHIND:
+            if connection.unread < _MAX_EVENT_BACKLOG_BYTES:
                 connection.send(text)
 
     def open(self, connection: Connection) -> None:

@@ -1,4 +1,4 @@
-"""The protocol itself: one inventory for a new client, and one state message in reply to every message."""
+"""Protocol of the Haply Inverse Service: an inventory for a new client, and the state in reply to every message."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Axes, mount and scale as that service's clients set them: where they see the cursor, and whither their forces point.
+# Coordinate transforms that clients configure: axes, mount and scale, for cursor and forces.
 #
-# The order is that of the service's documentation: from the device's own frame (X to the right, Y forward, Z up)
-# through the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes that
-# the basis names.
+# The order is that of the Inverse Service's documentation: from the device's own frame (X to the right, Y forward, Z
+# up) through the basis, which names the axes, then the mount, then the transform of the workspace, both in the axes
+# that the basis names.
 
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  #: x, y, z, w
 
-_MAX_MOUNT_M = 1e3  #: a mount lies within [m], and its scale below
+_MAX_MOUNT_M = 1e3  #: largest coordinate of a mount [m], and largest scale [1]
 
 
 def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
-    """`v` (3,) turned by the quaternion `q` (x, y, z, w) of length 1; in the unit of `v` [any]."""
+    """Rotate `v` (3,) by the unit quaternion `q` (x, y, z, w); result in the unit of `v` [any]."""
     x, y, z, w = q
     a, b, c = v
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
@@ -65,7 +65,7 @@ def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
 
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
-    """The quaternion (4,) (x, y, z, w) [1] of the turn `q`, then the turn `p`."""
+    """Quaternion product (4,) (x, y, z, w) [1]: rotation `q`, then rotation `p`."""
     a, b, c, d = p
     x, y, z, w = q
     return (
@@ -78,37 +78,36 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @dataclass(frozen=True)
 class Transform:
-    """v → position + rotation · (scale v): `position` [m], `rotation` (x, y, z, w), `scale` along each axis."""
+    """Transform v → position + rotation · (scale v): `position` [m], `rotation` (x, y, z, w), `scale` per axis."""
 
     position: Vector = (0.0, 0.0, 0.0)
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     scale: Vector = (1.0, 1.0, 1.0)
 
     def place(self, p: Sequence[float]) -> Vector:
-        """Of a point (3,) [m]."""
+        """Transform a point (3,) [m]."""
         x, y, z = self.turn(p)
         return (x + self.position[0], y + self.position[1], z + self.position[2])
 
     def turn(self, v: Sequence[float]) -> Vector:
-        """Of a velocity (3,) [m/s]: scaled and turned."""
+        """Transform a velocity (3,) [m/s]: scale and rotate."""
         a, b, c = self.scale
         return rotate(self.rotation, (a * v[0], b * v[1], c * v[2]))
 
     def pull_force(self, force: Sequence[float]) -> Vector:
-        """Back from the client's side: a force (3,) [N] turns, and is mirrored where the scale mirrors, but a newton
-        stays a newton."""
+        """Transform a force (3,) [N] from the client's frame back: rotated and mirrored, but not scaled."""
         x, y, z, w = self.rotation
         f = rotate((-x, -y, -z, w), force)
         a, b, c = (1.0 if one > 0.0 else -1.0 for one in self.scale)
         return (a * f[0], b * f[1], c * f[2])
 
     def push_force(self, force: Sequence[float]) -> Vector:
-        """To the client's side: the reverse of `pull_force` [N]."""
+        """Transform a force (3,) [N] to the client's frame: the inverse of `pull_force`."""
         a, b, c = (1.0 if one > 0.0 else -1.0 for one in self.scale)
         return rotate(self.rotation, (a * force[0], b * force[1], c * force[2]))
 
     def as_json(self) -> dict[str, Any]:
-        """As that service writes it."""
+        """Return the transform in the format of the Inverse Service."""
         return {
             "position": dict(zip("xyz", self.position, strict=True)),
             "rotation": dict(zip("xyzw", self.rotation, strict=True)),
@@ -121,19 +120,22 @@ IDENTITY = Transform()
 
 @dataclass(frozen=True)
 class Basis:
-    """The client's axis i is the service's axis `axes[i]`, with the sign `signs[i]`; written as `permutation`."""
+    """Axis permutation: the client's axis i is the service's axis `axes[i]` times `signs[i]`.
+
+    `permutation` is its text.
+    """
 
     permutation: str = "XYZ"
     axes: tuple[int, int, int] = (0, 1, 2)
     signs: Vector = (1.0, 1.0, 1.0)
 
     def name_axes(self, v: Sequence[float]) -> Vector:
-        """`v` (3,) in the client's axes, in its own unit [any]."""
+        """Convert `v` (3,) to the client's axes, in its own unit [any]."""
         (i, j, k), (a, b, c) = self.axes, self.signs
         return (a * v[i], b * v[j], c * v[k])
 
     def undo(self, v: Sequence[float]) -> Vector:
-        """`v` (3,) of the client in the service's axes, in its own unit [any]."""
+        """Convert `v` (3,) from the client's axes to the service's, in its own unit [any]."""
         found = [0.0, 0.0, 0.0]
         for axis, sign, value in zip(self.axes, self.signs, v, strict=True):
             found[axis] = sign * value
@@ -141,24 +143,24 @@ class Basis:
 
     @property
     def hand(self) -> float:
-        """1 where the client's axes are right-handed, −1 where they are not."""
+        """Handedness of the client's axes: 1 for right-handed, −1 for left-handed."""
         even = self.axes in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
         return (1.0 if even else -1.0) * self.signs[0] * self.signs[1] * self.signs[2]
 
     def name_turn(self, q: Quaternion) -> Quaternion:
-        """The orientation `q` (x, y, z, w) in the client's axes: a turn's axis is mirrored with them."""
+        """Convert the orientation `q` (x, y, z, w) to the client's axes; the rotation axis is mirrored with them."""
         x, y, z = self.name_axes(q[:3])
         return (self.hand * x, self.hand * y, self.hand * z, q[3])
 
     def name_transform(self, transform: Transform) -> Transform:
-        """`transform` of the device's own frame, in the client's axes."""
+        """Convert `transform` from the device's own frame to the client's axes."""
         i, j, k = self.axes
         scale = (transform.scale[i], transform.scale[j], transform.scale[k])
         return Transform(self.name_axes(transform.position), self.name_turn(transform.rotation), scale)
 
 
 def parse_basis(text: object) -> Basis:
-    """A basis such as "XZY" or "X-YZ". Raises InputError for what is no permutation of X, Y, Z.
+    """Parse a basis such as "XZY" or "X-YZ". Raises InputError if it is no permutation of X, Y, Z.
 
     >>> parse_basis("X-YZ").name_axes((1.0, 2.0, 3.0))
     (1.0, -2.0, 3.0)
@@ -181,15 +183,16 @@ def parse_basis(text: object) -> Basis:
 
 
 def parse_transform(found: object, before: Transform = IDENTITY) -> Transform:
-    """A transform as that service writes it; what is missing stays as `before`. Raises InputError for what cannot be:
-    numbers that are not finite, a rotation of length 0, a scale of 0."""
+    """Parse a transform in the format of the Inverse Service; missing parts are taken from `before`.
+
+    Raises InputError for numbers that are not finite, a rotation of length 0 or a scale of 0."""
     if isinstance(found, Mapping) and isinstance(found.get("transform"), Mapping):
         found = found["transform"]
     if not isinstance(found, Mapping):
         raise InputError("a transform is an object with position, rotation and scale")
-    position = _numbers(found.get("position"), "xyz", before.position, "position")
-    rotation = _numbers(found.get("rotation"), "xyzw", before.rotation, "rotation")
-    scale = _numbers(found.get("scale"), "xyz", before.scale, "scale")
+    position = _read_numbers(found.get("position"), "xyz", before.position, "position")
+    rotation = _read_numbers(found.get("rotation"), "xyzw", before.rotation, "rotation")
+    scale = _read_numbers(found.get("scale"), "xyz", before.scale, "scale")
     length = sqrt(sum(one * one for one in rotation))
     if length < 1e-6:
         raise InputError("a rotation is a quaternion {x, y, z, w} that is not zero")
@@ -199,7 +202,7 @@ def parse_transform(found: object, before: Transform = IDENTITY) -> Transform:
     return Transform((position[0], position[1], position[2]), (x, y, z, w), (scale[0], scale[1], scale[2]))
 
 
-def _numbers(found: object, names: str, before: Sequence[float], what: str) -> list[float]:
+def _read_numbers(found: object, names: str, before: Sequence[float], what: str) -> list[float]:
     if found is None:
         return list(before)
     if what == "scale" and isinstance(found, int | float) and not isinstance(found, bool):
@@ -218,21 +221,21 @@ def _numbers(found: object, names: str, before: Sequence[float], what: str) -> l
 
 
 # --------------------------------------------------------------------------------------------------
-# The tool as a cursor: the newest tick in plain numbers, the last ones that were finite.
+# The tool as a cursor: state of the newest row, with the last finite values.
 
 
 @final
 class Cursor:
-    """What the newest row of `served` says; `look` at it before reading.
+    """Cursor state from the newest row of `served`; call `update` before reading it.
 
     place, velocity, force   of the tool, or of a motor's target, in the stator's frame [m, m/s, N]
     turn                     orientation of the tool or the handle, quaternion (x, y, z, w)
-    tick                     rows published when it looked: the same number is the same cursor
+    tick                     rows published at the last update: an equal number means an unchanged cursor
     known                    whether a pose was ever valid
-    ready, tripped           whether forces are rendered now; whether the guard has switched off
-    derated                  whether less is rendered for warm coils
-    damped                   whether the passivity control adds damping, or makes the world softer
-    trip                     code of the last trip's reason
+    ready, tripped           whether forces are rendered now; whether the guard has tripped
+    derated                  whether the force is reduced because of warm coils
+    damped                   whether the passivity control adds damping or softens the world
+    trip                     code of the last trip's cause
     """
 
     def __init__(self, served: ServedDevice) -> None:
@@ -255,8 +258,8 @@ class Cursor:
         shell = served.device.shell
         return (0.0, 0.0, 0.0 if shell is None else shell.contact_distance)
 
-    def look(self) -> None:
-        """Read the newest row, if there is a newer one."""
+    def update(self) -> None:
+        """Read the newest row, if it is newer than the last one read."""
         served = self._served
         tick = served.tick_count
         if tick == self.tick or (row := served.latest()) is None:
@@ -276,7 +279,7 @@ class Cursor:
         if isfinite(x + y + z):
             if self._direct:
                 self.velocity = self._check_vector(n[self._v])
-            elif self.known and n[self._t] > self.t:  # of a target the rows have places only
+            elif self.known and n[self._t] > self.t:  # rows have no velocity of a motor's target
                 dt = n[self._t] - self.t
                 a, b, c = self.place
                 self.velocity = ((x - a) / dt, (y - b) / dt, (z - c) / dt)
@@ -293,39 +296,41 @@ class Cursor:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where a client of that service sees the tool: the device's space in the place of the other device's, adjustable.
+# Mapping of this device's workspace to that of an Inverse3, which clients expect; clients can configure it.
 #
-# By default the tool's place of rest, on top of the Omni's dome, is the middle of the other device's workspace, and
-# ways are seen twice as long, because a shell of 10 cm takes the place of a space of 20 cm. A motor's target moves by
-# millimetres, and is seen ten times as far. Forces keep their size: so a client's stiffness is felt that much greater.
+# By default the tool's rest position, on top of the Omni's dome, maps to the centre of the Inverse3's workspace, and
+# lengths are scaled by 2, because a shell of 10 cm represents a space of 20 cm. A motor's target moves by millimetres:
+# there the scale is 10. Forces are not scaled, so the rendered stiffness is that of the client times the scale.
 
 
-MAPPING = ("workspace", "basis", "preset", "mount", "transform")  #: what a client can set of its space
+MAPPING = ("workspace", "basis", "preset", "mount", "transform")  #: settings of a client's space
 
-#: the middle of the other device's workspace in the frame of its base, as public clients place what they draw [m]
-_MIDDLE = (0.0, -0.14, 0.20)
-_ABOUT_Z = (0.0, 0.0, 1.0, 0.0)  # half a turn
-_SCALES = {True: 2.0, False: 10.0}  # of a tool over a shell, of a motor's target
+#: centre of the Inverse3's workspace in the frame of its base, as assumed by public clients [m]
+_WORKSPACE_CENTRE_M = (0.0, -0.14, 0.20)
+_HALF_TURN_ABOUT_Z = (0.0, 0.0, 1.0, 0.0)
+_LENGTH_SCALES = {True: 2.0, False: 10.0}  # for a tool over a shell, for a motor's target
 
-#: name → mount in the device's own frame, as that service's documentation describes them
+#: name → mount in the device's own frame, after the Inverse Service's documentation
 PRESETS: dict[str, Transform] = {
     "defaults": IDENTITY,
     "arm_front": IDENTITY,
-    "arm_front_centered": Transform((-_MIDDLE[0], -_MIDDLE[1], -_MIDDLE[2])),
-    "led_front": Transform(rotation=_ABOUT_Z),
-    "led_front_centered": Transform((_MIDDLE[0], _MIDDLE[1], -_MIDDLE[2]), _ABOUT_Z),
+    "arm_front_centered": Transform((-_WORKSPACE_CENTRE_M[0], -_WORKSPACE_CENTRE_M[1], -_WORKSPACE_CENTRE_M[2])),
+    "led_front": Transform(rotation=_HALF_TURN_ABOUT_Z),
+    "led_front_centered": Transform(
+        (_WORKSPACE_CENTRE_M[0], _WORKSPACE_CENTRE_M[1], -_WORKSPACE_CENTRE_M[2]), _HALF_TURN_ABOUT_Z
+    ),
 }
 
 
 @dataclass(frozen=True)
 class Space:
-    """How one client sees the device.
+    """Transform chain from the stator's frame to the frame of one client.
 
-    workspace   from the stator's frame into that of the other device's base: the documented default, adjustable
-    basis       the client's axes
-    preset      name of the mount; "custom": that of the client
-    own_mount   the client's, in its axes; only "custom" uses it
-    transform   of the workspace, in the client's axes, which a client moves while it runs
+    workspace   from the stator's frame to the base frame of an Inverse3: the documented default, adjustable
+    basis       axes of the client
+    preset      name of the mount; "custom": the mount of the client
+    own_mount   mount of the client, in its axes; used only with "custom"
+    transform   of the workspace, in the client's axes; a client may move it at any time
     """
 
     workspace: Transform
@@ -336,32 +341,32 @@ class Space:
 
     @cached_property
     def mount(self) -> Transform:
-        """Of the other device, in the client's axes."""
+        """Mount of the Inverse3, in the client's axes."""
         return self.own_mount if self.preset == "custom" else self.basis.name_transform(PRESETS[self.preset])
 
     def place(self, p: Sequence[float]) -> Vector:
-        """Of the tool at `p` (3,) [m] in the stator's frame."""
+        """Transform a position `p` (3,) [m] from the stator's frame to the client's."""
         return self.transform.place(self.mount.place(self.basis.name_axes(self.workspace.place(p))))
 
     def velocity(self, v: Sequence[float]) -> Vector:
-        """Of the tool's velocity (3,) [m/s] in the stator's frame."""
+        """Transform a velocity (3,) [m/s] from the stator's frame to the client's."""
         return self.transform.turn(self.mount.turn(self.basis.name_axes(self.workspace.turn(v))))
 
     def force(self, force: Sequence[float]) -> Vector:
-        """Of a force (3,) [N] in the stator's frame."""
+        """Transform a force (3,) [N] from the stator's frame to the client's."""
         return self.transform.push_force(self.mount.push_force(self.basis.name_axes(self.workspace.push_force(force))))
 
     def stator_force(self, force: Sequence[float]) -> Vector:
-        """A client's force (3,) [N] in the stator's frame."""
+        """Transform a force (3,) [N] from the client's frame to the stator's."""
         return self.workspace.pull_force(self.basis.undo(self.mount.pull_force(self.transform.pull_force(force))))
 
     def orientation(self, q: Quaternion) -> Quaternion:
-        """Of the tool's orientation `q` (x, y, z, w) in the stator's frame."""
+        """Transform an orientation `q` (x, y, z, w) from the stator's frame to the client's."""
         turned = self.basis.name_turn(multiply(self.workspace.rotation, q))
         return multiply(self.transform.rotation, multiply(self.mount.rotation, turned))
 
     def with_preset(self, name: object) -> Space:
-        """With the mount of a preset. Raises UnknownName."""
+        """Return a copy with the mount of the preset `name`. Raises UnknownName."""
         if name == "custom":
             return replace(self, preset="custom", own_mount=self.mount)
         if not isinstance(name, str) or name not in PRESETS:
@@ -369,9 +374,9 @@ class Space:
         return replace(self, preset=name)
 
     def configure(self, found: Mapping[str, Any]) -> Space:
-        """With what `found` sets of preset, basis, mount, transform, and this server's own `workspace`.
+        """Return a copy with the settings in `found`: preset, basis, mount, transform, and our own `workspace`.
 
-        Raises InputError for what cannot be, and for mount and preset together: that service refuses them, too.
+        Raises InputError for invalid settings, and for mount and preset together, as the Inverse Service does.
         """
         if "mount" in found and "preset" in found:
             raise InputError("mount and preset exclude each other: a preset is a mount with a name")
@@ -394,27 +399,29 @@ class Space:
 
 
 def default_space(device: Device) -> Space:
-    """How clients see `device` unless they say otherwise."""
+    """Default transform chain of a client of `device`."""
     shell = device.shell
-    scale = _SCALES[shell is not None]
+    scale = _LENGTH_SCALES[shell is not None]
     rest = 0.0 if shell is None else shell.contact_distance
-    x, y, z = _MIDDLE
+    x, y, z = _WORKSPACE_CENTRE_M
     return Space(Transform((x, y, z - scale * rest), scale=(scale, scale, scale)))
 
 
 # --------------------------------------------------------------------------------------------------
-# What a client's message commands of the device, in all spellings that clients use; what is misspelt is nothing.
+# Parsing of the commands in a client's message, in all spellings that clients use; invalid entries are ignored.
 
 
 _MAX_ENTRIES = 16  #: entries of one message that are read
-_STIFFNESS = 40.0  #: of the spring that draws the tool to a commanded place [N/m]
-_PULL = 1.0  #: and its greatest force [N]
+_POSITION_STIFFNESS_N_PER_M = 40.0  #: of the spring to a commanded position [N/m]
+_MAX_POSITION_FORCE_N = 1.0  #: largest force of that spring [N]
 
 
 @record
 class DeviceCommand:
-    """force      (3,) in the client's axes [N]; None: none is commanded
-    transform  of the workspace, as the client wrote it; None: it stays
+    """Command of one message to the device.
+
+    force      (3,) in the client's frame [N]; None: no force commanded
+    transform  of the workspace, as the client wrote it; None: unchanged
     """
 
     force: Vector | None
@@ -422,16 +429,16 @@ class DeviceCommand:
 
 
 def read_list(found: object) -> list[Mapping[str, Any]]:
-    """The entries of a message's array that are objects; a single object is an array of one."""
+    """Objects in an array of a message; a single object counts as an array of one."""
     if isinstance(found, Mapping):
         found = [found]
     return [one for one in found[:_MAX_ENTRIES] if isinstance(one, Mapping)] if isinstance(found, list) else []
 
 
 def read_device_force(entry: Mapping[str, Any], space: Space, cursor: Cursor) -> DeviceCommand:
-    """What one `entry` of `inverse3` commands; forces of one message add.
+    """Parse one `entry` of `inverse3`; the forces of one message are added.
 
-    A commanded place draws the tool there with a weak spring: this device is driven by forces.
+    A commanded position becomes the force of a weak spring, because this device is controlled by force.
     """
     total, transform = None, None
     for name in ("commands", "command"):
@@ -439,7 +446,7 @@ def read_device_force(entry: Mapping[str, Any], space: Space, cursor: Cursor) ->
             force = _read_vector(commands.get("set_cursor_force"), ("vector", "values"))
             place = _read_vector(commands.get("set_cursor_position"), ("position", "values", "vector"))
             if place is not None:
-                force = _add(force, _pull(place, space.place(cursor.place)))
+                force = _add(force, _compute_spring_force(place, space.place(cursor.place)))
             if force is not None:
                 total = _add(total, force)
             moved = commands.get("set_transform")
@@ -477,20 +484,20 @@ def _add(a: Vector | None, b: Vector) -> Vector:
     return b if a is None else (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-def _pull(place: Vector, now: Vector) -> Vector:
+def _compute_spring_force(place: Vector, now: Vector) -> Vector:
     ways = [goal - here for goal, here in zip(place, now, strict=True)]
     size = sum(way * way for way in ways) ** 0.5
-    share = min(_STIFFNESS, _PULL / size) if size > 0.0 else 0.0
+    share = min(_POSITION_STIFFNESS_N_PER_M, _MAX_POSITION_FORCE_N / size) if size > 0.0 else 0.0
     return (share * ways[0], share * ways[1], share * ways[2])
 
 
 # --------------------------------------------------------------------------------------------------
-# What that service says of its devices beside their state: ids, config, and what this device has of all that.
+# Device ids and config in the format of the Inverse Service, as far as this device supports them.
 
 
 @dataclass(frozen=True)
 class DeviceIds:
-    """The ids under which clients know the tool and its grip: hexadecimal digits that stay the same for a device."""
+    """Ids of the tool and its grip for clients: hexadecimal digits, constant for a device."""
 
     device: str
     grip: str
@@ -498,13 +505,13 @@ class DeviceIds:
 
     @classmethod
     def of(cls, device: Device) -> DeviceIds:
-        """From the digest of `device`'s file."""
+        """Derive the ids from the digest of the file of `device`."""
         digits = device.digest.upper()
         return cls(digits[:4], digits[4:8], str(uuid.uuid5(uuid.NAMESPACE_URL, f"haptorb:{device.digest}")))
 
     def is_meant(self, given: object) -> bool:
-        """Whether a client that says this id may mean the tool: its id, also as the number that it writes, or none, as
-        from one that does not know it yet."""
+        """Whether a command with the id `given` addresses the tool: its id as text or number, or no id, which clients
+        send before they know it."""
         if given is None or given in ("", "*", 0, "0"):
             return True
         if isinstance(given, str):
@@ -514,16 +521,18 @@ class DeviceIds:
 
 @dataclass(frozen=True)
 class Settings:
-    """What clients may set of the device beside its space. Handedness, damping and gate are kept and told; they change
-    no force: the guard and the passivity control are this device's own. Of `navigation` nothing is kept: the space is
-    small."""
+    """Settings of the device other than its space.
+
+    Handedness, damping and gate are stored and reported but do not affect the force, which is limited by this device's
+    guard and passivity control. `navigation` is ignored: the workspace is small.
+    """
 
     handedness: str = "right"
     damping: Mapping[str, Any] = field(default_factory=lambda: {"scalar": 0.0})
     gate: float = 1.0
 
     def configure(self, found: Mapping[str, Any]) -> Settings:
-        """With what `found` sets. Raises InputError for what cannot be, and for what this device does not have."""
+        """Return a copy with the settings in `found`. Raises InputError for invalid and for unsupported settings."""
         settings = self
         if "handedness" in found:
             hand = found["handedness"]
@@ -536,7 +545,7 @@ class Settings:
         if "damping" in both:
             settings = replace(settings, damping=_read_damping(both["damping"]))
         if "force_gate" in both:
-            settings = replace(settings, gate=_share(both["force_gate"], "gain", "force_gate"))
+            settings = replace(settings, gate=_read_fraction(both["force_gate"], "gain", "force_gate"))
         for name in ("gravity_compensation", "torque_scaling", "home_return"):
             wanted = found.get(name)
             if wanted is True or (isinstance(wanted, Mapping) and wanted.get("enabled") is True):
@@ -546,7 +555,7 @@ class Settings:
         return settings
 
     def as_json(self, identity: DeviceIds, space: Space) -> dict[str, Any]:
-        """The `config` of the device for a client that sees it through `space`, as an inventory has it."""
+        """Return the `config` of the device in an inventory, for a client with `space`."""
         return {
             "type": "inverse3",
             "handedness": self.handedness,
@@ -573,8 +582,9 @@ class Settings:
         }
 
     def as_command(self, name: str, identity: DeviceIds, space: Space) -> dict[str, Any]:
-        """The config `name` as a client writes it to set it: that service wraps transforms there, and names of presets,
-        which its inventory has plain."""
+        """Return the config `name` in the format of a command that sets it.
+
+        There the Inverse Service wraps transforms and names of presets in objects, unlike in its inventory."""
         known = self.as_json(identity, space)
         found = known["filters"].get(name, known.get(name))
         if name in ("mount", "transform", "workspace"):
@@ -582,7 +592,7 @@ class Settings:
         return dict(found) if isinstance(found, Mapping) else {name: found}
 
 
-def _share(found: object, name: str, what: str) -> float:
+def _read_fraction(found: object, name: str, what: str) -> float:
     number = found.get(name) if isinstance(found, Mapping) else found
     if isinstance(number, bool) or not isinstance(number, int | float) or not 0.0 <= number <= 1.0:
         raise InputError(f"{what} is a number from 0 to 1, or an object with {name}")
@@ -590,34 +600,41 @@ def _share(found: object, name: str, what: str) -> float:
 
 
 def _read_damping(found: object) -> dict[str, Any]:
-    """A scalar, a vector of shares along the axes, or both."""
+    """Parse damping: a scalar, a vector of fractions along the axes, or both."""
     vector = found.get("vector") if isinstance(found, Mapping) else None
     if not isinstance(vector, Mapping):
-        return {"scalar": _share(found, "scalar", "damping")}
-    scalar = {"scalar": _share(found, "scalar", "damping")} if isinstance(found, Mapping) and "scalar" in found else {}
-    return {**scalar, "vector": {axis: _share(vector.get(axis, 0.0), "", f"damping along {axis}") for axis in "xyz"}}
+        return {"scalar": _read_fraction(found, "scalar", "damping")}
+    scalar = (
+        {"scalar": _read_fraction(found, "scalar", "damping")}
+        if isinstance(found, Mapping) and "scalar" in found
+        else {}
+    )
+    return {
+        **scalar,
+        "vector": {axis: _read_fraction(vector.get(axis, 0.0), "", f"damping along {axis}") for axis in "xyz"},
+    }
 
 
 # --------------------------------------------------------------------------------------------------
-# One connection of a client: its number, its name, how it sees the device, and how often it asks.
+# Sessions: one per client connection, with number, name, space and message rate; and the service for all of them.
 
 
-_NAME = 60  #: of a client's profile [characters]
-_SMOOTH = 0.5  #: weight of the newest rate
-_SMALL_TURN = 0.087  #: change of a unit force that is no small turn: 5°
+_MAX_NAME_CHARACTERS = 60  #: of a client's profile [characters]
+_RATE_SMOOTHING = 0.5  #: weight of the newest rate
+_SAME_MAPPING_TOLERANCE = 0.087  #: change of a unit force up to which its mapping counts as the same: 5°
 
 
 @final
 class Session:
-    """The client `number` at the address `peer`, seeing the device as `space` says.
+    """Session `number` of a client at the IP address `peer`, with the transform chain `space`.
 
-    unreadable  how many of its messages were unreadable; one without text is readable
-    refused     whether it was informed that another client holds the device, since it could last command
+    unreadable  invalid messages so far; an empty message is valid
+    refused     whether it was informed, since its last accepted command, that another client controls the device
     """
 
     def __init__(self, number: int, peer: str, space: Space) -> None:
         self.number, self.peer, self.space = number, peer, space
-        self.mapping = 0  #: number of its mapping: with another one the same command points elsewhere
+        self.mapping = 0  #: counts changes of its mapping, after which the same command has another direction
         self._axes = _force_axes(space)
         self.name = ""
         self.messages = self.unreadable = 0
@@ -626,101 +643,102 @@ class Session:
         self._since, self._counted = monotonic(), 0
 
     def change_space(self, space: Space) -> None:
-        """See the device as `space` says from now on: where its force points is not what it was."""
+        """Set `space`; a different one counts as a new mapping, because the direction of its force changes."""
         if space != self.space:
             self.space, self._axes = space, _force_axes(space)
             self.mapping += 1  # safety: mapping-counts
 
     def move_space(self, space: Space) -> None:
-        """As `change_space`, for what a client moves while it commands: small turns, one after the other, stay the same
-        mapping, because its force turns no faster than the guard permits."""
+        """As `change_space`, for a transform that a client moves while it commands.
+
+        Successive small rotations count as the same mapping, because the guard limits how fast the force may turn."""
         self.space = space
         axes = _force_axes(space)
-        if max(abs(a - b) for a, b in zip(axes, self._axes, strict=True)) > _SMALL_TURN:
+        if max(abs(a - b) for a, b in zip(axes, self._axes, strict=True)) > _SAME_MAPPING_TOLERANCE:
             self._axes = axes
             self.mapping += 1
 
     def rename(self, name: object) -> None:
-        """Its profile's name, cut to what a list of clients can show."""
+        """Set the name of its profile, printable and cut to the length that a list of clients can show."""
         if isinstance(name, str):
-            self.name = "".join(letter for letter in name if letter.isprintable())[:_NAME]
+            self.name = "".join(letter for letter in name if letter.isprintable())[:_MAX_NAME_CHARACTERS]
 
     def measure(self) -> float:
-        """The rate of its messages [1/s], smoothed over the last looks."""
+        """Message rate [1/s], smoothed over the last calls."""
         now = monotonic()
         passed = now - self._since
         if passed > 0.0:
             newest = (self.messages - self._counted) / passed
-            self.rate += (newest - self.rate) * (_SMOOTH if self.rate else 1.0)
+            self.rate += (newest - self.rate) * (_RATE_SMOOTHING if self.rate else 1.0)
             self._since, self._counted = now, self.messages
         return self.rate
 
 
 def _force_axes(space: Space) -> tuple[float, ...]:
-    """Whither unit forces along the client's axes point in the stator's frame, nine numbers."""
+    """Directions of unit forces along the client's axes in the stator's frame, nine numbers."""
     return tuple(part for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)) for part in space.stator_force(axis))
 
 
 @final
 class Service:
-    """All clients of one server, before the device `served`; `tell` sends an event: name, category, level, data,
-    message."""
+    """Service for all clients of the device `served`; `send_event` takes name, category, level, data, message."""
 
-    def __init__(self, served: ServedDevice, tell: Callable[..., None]) -> None:
-        self.served, self.tell = served, tell
+    def __init__(self, served: ServedDevice, send_event: Callable[..., None]) -> None:
+        self.served, self.send_event = served, send_event
         self.sessions: dict[int, Session] = {}
         self.identity = DeviceIds.of(served.device)
         self.settings = Settings()
-        self.space: Space = default_space(served.device)  #: of clients that say nothing else
+        self.space: Space = default_space(served.device)  #: default for new clients
         self.cursor = Cursor(served)
         self._tick, self._texts = -1, dict[tuple[int | bool, ...], tuple[Space, str]]()
 
     def open(self, peer: str) -> Session:
-        """A client has connected from the address `peer`."""
+        """Open a session for a client at the IP address `peer`."""
         session = Session(self.served.open_session(), peer, self.space)
         self.sessions[session.number] = session
-        self.tell("session-connected", "session", "info", {"session_id": session.number})
+        self.send_event("session-connected", "session", "info", {"session_id": session.number})
         return session
 
     def close(self, session: Session) -> None:
-        """Its connection is lost, however it ended: so is its force."""
+        """Close the session of a lost connection, which ends its force."""
         if self.sessions.pop(session.number, None) is not None:
             self.served.lose(session.number)
-            self.tell("session-disconnected", "session", "info", {"session_id": session.number})
+            self.send_event("session-disconnected", "session", "info", {"session_id": session.number})
 
     def inventory(self, session: Session) -> str:
-        """The inventory: what a client that has just connected is sent, unasked."""
+        """Encode the inventory, which is sent to a new client without request."""
         return self._write(session, config=True, inventory=True)
 
     def answer(self, session: Session, text: str | bytes, arrival: float) -> str:
-        """The one reply to a client's message, which came at `arrival` on the monotonic clock [s]: the state, whatever
-        the message. What has waited for long is answered and not done."""
+        """Execute a client's message, which arrived at `arrival` on the monotonic clock [s], and encode the reply.
+
+        The reply is always the state. A message that waited too long is answered but not executed."""
         session.messages += 1
-        self.cursor.look()
+        self.cursor.update()
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
             message, session.unreadable = None, session.unreadable + bool(text.strip())
         late = monotonic() - arrival > LATE  # safety: late-messages
-        full = self._obey(session, message, arrival) if isinstance(message, dict) and not late else False
+        full = self._execute(session, message, arrival) if isinstance(message, dict) and not late else False
         return self._write(session, config=full)
 
-    def _obey(self, session: Session, message: dict[str, Any], arrival: float) -> bool:
-        """Do what `message` says, as far as it can be understood; whether the answer has the config again."""
+    def _execute(self, session: Session, message: dict[str, Any], arrival: float) -> bool:
+        """Execute the valid parts of `message`; returns whether the reply must include the config."""
         full = False
         wanted = message.get("session")
         if isinstance(wanted, Mapping):
             full = "force_render_full_state" in wanted
-            self._set_session(session, wanted.get("configure"))
+            self._configure_session(session, wanted.get("configure"))
         force: list[float] | None = None
         for entry in read_list(message.get("inverse3")):
             if not self.identity.is_meant(entry.get("device_id")):
                 continue
             if isinstance(given := entry.get("configure"), Mapping):
-                self._try(partial(self.configure, session, given, by=session))
+                self._apply_if_valid(partial(self.configure, session, given, by=session))
             found = read_device_force(entry, session.space, self.cursor)
             if found.transform is not None:
-                self._try(partial(self._move, session, found.transform))
+                self._apply_if_valid(partial(self._set_transform, session, found.transform))
             if found.force is not None:
                 force = [a + b for a, b in zip(force or (0.0, 0.0, 0.0), found.force, strict=True)]
         if force is not None:
@@ -733,8 +751,8 @@ class Service:
         if self.served.command(session.number, stator, arrival=arrival, mapping=session.mapping):
             session.refused = False
         elif self.served.busy > refusals and not session.refused:
-            session.refused = True  # said once, not with each of a thousand commands a second
-            self.tell(
+            session.refused = True  # reported once, not with each of a thousand commands a second
+            self.send_event(
                 "device-busy", "device", "warning",
                 {
                     "device_family": "inverse", "device_id": self.identity.device,
@@ -743,7 +761,7 @@ class Service:
                 "another session commands this device; this one may watch",
             )  # fmt: skip
 
-    def _set_session(self, session: Session, given: object) -> None:
+    def _configure_session(self, session: Session, given: object) -> None:
         if not isinstance(given, Mapping):
             return
         profile = given.get("profile")
@@ -753,19 +771,19 @@ class Service:
             if isinstance(found, Mapping) and "basis" in found:
                 basis = found["basis"]
                 text = basis.get("permutation") if isinstance(basis, Mapping) else basis
-                self._try(partial(self._rename_axes, session, text))
+                self._apply_if_valid(partial(self._set_basis, session, text))
 
-    def _rename_axes(self, session: Session, text: object) -> None:
+    def _set_basis(self, session: Session, text: object) -> None:
         session.change_space(replace(session.space, basis=parse_basis(text)))
 
-    def _move(self, session: Session, given: object) -> None:
+    def _set_transform(self, session: Session, given: object) -> None:
         session.move_space(replace(session.space, transform=parse_transform(given, session.space.transform)))
 
     def configure(self, session: Session | None, found: Mapping[str, Any], *, by: Session | None = None) -> None:
-        """What one client sets for itself, or, for None, somebody for all clients of now and later; `by` whom, None for
-        a request over HTTP. Raises InputError for what cannot be; then nothing changes.
+        """Configure one session, or, for None, all present and future ones; `by` is the requesting session, None for
+        an HTTP request. Raises InputError for invalid settings; then nothing changes.
 
-        How the client that holds the device sees it, only that client itself changes: its force would turn.
+        Only the client that controls the device may change its own mapping, because its force would turn.
         """
         changed = list(self.sessions.values()) if session is None else [session]
         holder = self.served.holder
@@ -782,8 +800,8 @@ class Service:
             one.change_space(space)
 
     @staticmethod
-    def _try(change: Callable[[], None]) -> None:
-        """What cannot be set changes nothing; the answer is the state all the same."""
+    def _apply_if_valid(change: Callable[[], None]) -> None:
+        """Apply `change`; an invalid one is ignored, because the reply is always the state."""
         try:
             change()
         except HaptorbError:
@@ -791,15 +809,15 @@ class Service:
 
     def _write(self, session: Session, *, config: bool, inventory: bool = False) -> str:
         cursor = self.cursor
-        cursor.look()
+        cursor.update()
         holder, buttons = self.served.holder, self.served.buttons
         if not config and not inventory:
             return self._write_state(session.space, holder, buttons)
         return json.dumps({"session_id": session.number, **self._describe_all(session.space, holder, buttons)})
 
     def list_devices(self, space: Space) -> dict[str, Any]:
-        """Config, state and status of all devices, as who sees them through `space`."""
-        self.cursor.look()
+        """Config, state and status of all devices for a client with `space`."""
+        self.cursor.update()
         return self._describe_all(space, self.served.holder, self.served.buttons)
 
     def _describe_all(self, space: Space, holder: int, buttons: dict[str, bool]) -> dict[str, Any]:
@@ -809,10 +827,10 @@ class Service:
         return state
 
     def _write_state(self, space: Space, holder: int, buttons: dict[str, bool]) -> str:
-        """The state as clients receive it that see the device through `space`, written once per tick."""
+        """Encode the state for clients with `space`, once per tick."""
         if self._tick != self.cursor.tick:
             self._tick, self._texts = self.cursor.tick, {}
-        # With the space itself kept beside the text, no other one can have its id within the tick.
+        # The entry holds a reference to the space, so that no other one can have its id within the tick.
         key = (id(space), holder, *buttons.values())
         found = self._texts.get(key)
         if found is None:

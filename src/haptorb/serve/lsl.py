@@ -1,4 +1,4 @@
-"""`--serve lsl`: every row of the loop to programs of this computer that speak to the lab streaming layer."""
+"""Server of `--serve lsl`: publishes every row of the loop as a stream of the lab streaming layer (LSL)."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# How far another clock of this computer is ahead of its monotonic clock, and how well that is known.
+# Offset of another clock of this computer from its monotonic clock, with its uncertainty.
 
 
 @final
 @dataclass(frozen=True)
 class ClockOffset:
-    """`seconds` to add to the monotonic clock [s]; the true offset is within ± `uncertainty` [s]."""
+    """Clock offset: `seconds` to add to the monotonic clock [s]; the true offset is within ± `uncertainty` [s]."""
 
     seconds: float
     uncertainty: float
 
 
 def measure_offset(clock: Callable[[], float], repetitions: int = 16) -> ClockOffset:
-    """The offset of `clock` [s]: of several readings between two of the monotonic clock, the one in the least time.
+    """Measure the offset of `clock` [s], each reading enclosed by two of the monotonic clock; the closest pair counts.
 
     >>> from time import monotonic
     >>> measure_offset(lambda: monotonic() + 5.0).seconds > 4.9
@@ -63,21 +63,21 @@ def measure_offset(clock: Callable[[], float], repetitions: int = 16) -> ClockOf
 
 
 # --------------------------------------------------------------------------------------------------
-# What the stream of rows says of itself: name, rate, label and unit of each channel, and the offsets of the clocks.
+# Metadata of the stream: name, rate, label and unit of each channel, and the clock offsets.
 #
 # The stream's XML follows the conventions of the layer's file format: `desc/channels/channel` with `label`, `unit` and
 # `type` (https://github.com/sccn/xdf/wiki/Meta-Data) and `desc/synchronization`
-# (https://github.com/sccn/xdf/wiki/Synchronization), where `offset_mean` is 0 for what this computer itself stamps.
+# (https://github.com/sccn/xdf/wiki/Synchronization), where `offset_mean` is 0 for samples stamped by this computer.
 
 
-NAME = "haptorb-rows"  #: by which programs find the stream
-TYPE = "Haptics"  #: kind of content
+NAME = "haptorb-rows"  #: name of the stream
+TYPE = "Haptics"  #: content type of the stream
 
 
 @final
 @dataclass(frozen=True)
 class Channel:
-    """One number of a row: its label, as in tables of recordings, its unit, and the field that it belongs to."""
+    """Channel of the stream, one number of a row: label as in tables of recordings, unit, and field of the row."""
 
     label: str
     unit: str
@@ -88,14 +88,14 @@ class Channel:
 @final
 @dataclass(frozen=True)
 class Clocks:
-    """Offsets from this computer's monotonic clock, in which rows state the start of their tick (`wall`)."""
+    """Clock offsets from the monotonic clock, in which `wall` of a row is the start of its tick."""
 
-    layer: ClockOffset  #: to the layer's clock, that of the samples' time stamps
+    layer: ClockOffset  #: to LSL's clock, that of the samples' time stamps
     utc: ClockOffset  #: to seconds since 1970-01-01 UTC
 
 
 def list_channels(layout: RowLayout) -> tuple[Channel, ...]:
-    """The channels of a sample, in the order of the row: one for each number, `layout.width` in all.
+    """Channels of a sample in the order of the row: one for each number, `layout.width` in all.
 
     >>> list_channels(RowLayout(channels=1, sensors=0))[20]
     Channel(label='p[0]', unit='m', field='p', about='estimated position of the mover, stator frame')
@@ -108,9 +108,9 @@ def list_channels(layout: RowLayout) -> tuple[Channel, ...]:
 
 
 def make_stream_info(layer: Any, layout: RowLayout, rate: float, facts: Mapping[str, str], clocks: Clocks) -> Any:
-    """The description for an outlet of `layer`, the module pylsl: `rate` samples a second [Hz] of a row each.
+    """Build the stream info for an outlet: one row per sample, at `rate` [Hz]; `layer` is the module pylsl.
 
-    facts    what was served, as text: device, driver, version, ... ; the stream's source is the device and driver
+    facts    facts of the run as text: device, driver, version, ...; the source id of the stream is device and driver
     """
     channels = list_channels(layout)
     source = "-".join(["haptorb", *(facts[key] for key in ("device", "driver") if key in facts)])
@@ -150,21 +150,21 @@ def _describe_clocks(description: Any, clocks: Clocks) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Sends rows to an outlet of the lab streaming layer, each stamped with the time at which its tick began.
+# The outlet: rows, each stamped with the start time of its tick.
 
 
-BACKLOG = 10  #: seconds of samples that the layer keeps for a slow reader; then the oldest go [s]
+BACKLOG = 10  #: LSL's buffer for a slow reader; then the oldest samples are dropped [s]
 
 
 @final
 class RowOutlet:
-    """The stream of the rows of `layout`, `rate` a second [Hz]; programs of this computer find it at once.
+    """LSL outlet of the rows of `layout`, `rate` a second [Hz]; programs of this computer discover it at once.
 
-    facts    what is served, as text, for the stream's description
+    facts    facts of the run as text, for the stream's description
     """
 
     def __init__(self, layout: RowLayout, rate: float, facts: Mapping[str, str]) -> None:
-        import pylsl  # here, so that only who serves by it needs it
+        import pylsl  # here: an optional dependency, needed by this server only
 
         pylsl.set_config_content(THIS_COMPUTER)
         self._layer: Any = pylsl
@@ -173,15 +173,15 @@ class RowOutlet:
         clocks = Clocks(self._offset, measure_offset(time))
         info = make_stream_info(pylsl, layout, rate, facts, clocks)
         self._outlet: Any = pylsl.StreamOutlet(info, 0, BACKLOG)
-        self.sent = 0  #: rows that were given to the layer
+        self.sent = 0  #: rows sent
 
     @property
     def watched(self) -> bool:
-        """Whether a program reads the stream."""
+        """Whether the stream has a reader."""
         return bool(self._outlet.have_consumers())
 
     def send(self, rows: Array) -> None:
-        """Send `rows` (n, width), in the units of their layout; the layer copies them and never waits for a reader."""
+        """Send `rows` (n, width), in the units of their layout; LSL copies them and does not block on readers."""
         if not len(rows):
             return
         stamps = rows[:, self._wall] + self._offset.seconds
@@ -189,16 +189,16 @@ class RowOutlet:
         self.sent += len(rows)
 
     def close(self) -> None:
-        """End the stream: readers learn that it is gone."""
+        """Close the outlet; readers are notified."""
         self._outlet = None
 
 
-_POLL_INTERVAL_S = 0.005  #: between two looks for rows [s]
-_REPORT = 0.25  #: between two reports [s]
+_POLL_INTERVAL_S = 0.005  #: polling interval of the rows [s]
+_REPORT_INTERVAL_S = 0.25  #: between two reports [s]
 
 
 def prepare(where: str) -> ServerPreparation:
-    """Nothing stands behind `lsl`; its ports are the layer's own. Raises InputError if something does."""
+    """Check that `lsl` has no address, because LSL chooses its ports. Raises InputError if it has one."""
     if where:
         raise InputError(f"--serve lsl takes no address, because LSL discovers streams; got '{where}'")
     remark = (
@@ -216,7 +216,7 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
         last = float("-inf")
         while not served.over:
             outlet.send(served.read_rows())
-            if monotonic() - last >= _REPORT:
+            if monotonic() - last >= _REPORT_INTERVAL_S:
                 last = monotonic()
                 _report(served, outlet)
             sleep(_POLL_INTERVAL_S)

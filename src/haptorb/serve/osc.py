@@ -1,4 +1,4 @@
-"""`--serve osc:[HOST:]PORT`: one UDP port for what goes out and what comes in."""
+"""Server of `--serve osc:[HOST:]PORT`: rows and commands as OSC messages on one UDP port."""
 
 from __future__ import annotations
 
@@ -76,14 +76,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# OSC messages that go back to the program that sent one.
+# OSC messages that answer a request.
 
 
-_MAX_TEXT_CHARACTERS = 400  #: characters of a text
+_MAX_TEXT_CHARACTERS = 400  #: longest text in a message [characters]
 
 
 def make_message(address: str, *values: str | float | int) -> bytes:
-    """The message of `values`: numbers as float32, whole numbers as int32, texts cut to 400 characters.
+    """Encode a message: floats as float32, integers as int32, texts cut to 400 characters.
 
     >>> make_message("/haptorb/error", "no")
     b'/haptorb/error\\x00\\x00,s\\x00\\x00no\\x00\\x00'
@@ -95,7 +95,7 @@ def make_message(address: str, *values: str | float | int) -> bytes:
 
 
 def make_parameter_answer(parameter: Parameter, value: Any) -> bytes:
-    """Name, value or values, low, high and unit of a parameter, in that order."""
+    """Encode a parameter: name, value or values, low, high and unit, in that order."""
     numbers = value if isinstance(value, tuple) else (value,)
     return make_message(
         "/haptorb/parameter",
@@ -104,63 +104,63 @@ def make_parameter_answer(parameter: Parameter, value: Any) -> bytes:
 
 
 # --------------------------------------------------------------------------------------------------
-# The datagrams that came since the last look: the newest of each sender, each with the time at which it came.
+# Reception of datagrams: the newest of each sender, each with its arrival time.
 #
-# A program that was understood once gets a socket of its own on the same port: the system puts its datagrams there, and
-# a flood of others, which fills the socket that all share, no longer pushes them out.
+# A program that sent one valid message gets a connected socket on the same port: the kernel queues its datagrams there,
+# so that a flood from other programs, which fills the shared socket, cannot displace them.
 
 
-Sender: TypeAlias = tuple[str, int]  #: address and port of a program
-Letter: TypeAlias = tuple[float, bytes]  #: when a datagram came, on the monotonic clock [s], and what it says
+Sender: TypeAlias = tuple[str, int]  #: IP address and port of a program
+Letter: TypeAlias = tuple[float, bytes]  #: arrival of a datagram on the monotonic clock [s], and its content
 
-NEWEST = 32  #: datagrams of one sender that count in one look; older ones are overtaken
-_AT_ONCE = 512  #: datagrams taken from the shared socket in one look
-_OWN_AT_ONCE = 64  #: and from a program's own
-_SENDERS = 64  #: that are read in one look
-_OWN = 32  #: programs with a socket of their own
-_MAX_MESSAGE_BYTES = 1024  #: no message that is understood is longer [bytes]
-_BUFFER = 1 << 18  #: what the system keeps of them until the next look [bytes]
-_OVERFLOW = 40  #: SO_RXQ_OVFL of Linux: each datagram comes with the count of those that the system dropped
-_COUNT = struct.Struct("@I")
-_NOTES = DatagramTimes.room + 64  #: bytes for the kernel's notes with a datagram
+NEWEST = 32  #: newest datagrams of one sender that are used per poll; older ones are dropped
+_MAX_SHARED_READS = 512  #: datagrams read from the shared socket per poll
+_MAX_OWN_READS = 64  #: datagrams read from a connected socket per poll
+_MAX_SENDERS = 64  #: senders read per poll
+_MAX_OWN_SOCKETS = 32  #: programs with a connected socket
+_MAX_MESSAGE_BYTES = 1024  #: no valid message is longer [bytes]
+_RECEIVE_BUFFER_BYTES = 1 << 18  #: the kernel's buffer between two polls [bytes]
+_SO_RXQ_OVFL = 40  #: socket option of Linux: each datagram comes with the number that the kernel dropped
+_DROP_COUNT = struct.Struct("@I")
+_ANCILLARY_BYTES = DatagramTimes.room + 64  #: for the kernel's ancillary data of a datagram [bytes]
 
 
 @final
 class OscInbox:
-    """Reads `opened`, a UDP socket, and those that it opens beside it, without ever waiting."""
+    """Non-blocking reader of the UDP socket `opened` and of the connected sockets that it opens on the same port."""
 
     def __init__(self, opened: socket.socket) -> None:
         self._shared, self._own = opened, dict[Sender, socket.socket]()
         self._lost: dict[socket.socket, int] = {}
-        self._gone = 0
+        self._lost_closed = 0
         self._times = DatagramTimes()
-        _prepare(opened)
-        self.received = 0  #: datagrams taken from the system
-        self.overtaken = 0  #: of those, not read: too many came from one sender, or from too many senders
-        self.refused = 0  #: of those, too long for a message that is understood
+        _configure_socket(opened)
+        self.received = 0  #: datagrams read
+        self.overtaken = 0  #: of those, dropped: too many from one sender, or too many senders
+        self.refused = 0  #: of those, too long for a valid message
 
     @property
     def sockets(self) -> list[socket.socket]:
-        """All that something may come from, to wait for."""
+        """All sockets to wait on."""
         return [self._shared, *self._own.values()]
 
     @property
     def lost(self) -> int:
-        """Datagrams that the system dropped because they came faster than they were taken."""
-        return self._gone + sum(self._lost.values())
+        """Datagrams that the kernel dropped because they were not read in time."""
+        return self._lost_closed + sum(self._lost.values())
 
-    def keep(self, sender: Sender) -> None:
-        """Give `sender`, which was understood, a socket of its own, if it has none and there is room."""
-        if sender in self._own or len(self._own) >= _OWN:
+    def open_own(self, sender: Sender) -> None:
+        """Open a connected socket for `sender`, which sent a valid message, if it has none and there is room."""
+        if sender in self._own or len(self._own) >= _MAX_OWN_SOCKETS:
             return
         own = socket.socket(self._shared.family, socket.SOCK_DGRAM)
         try:
-            # Shared for this moment only: else another program of this computer could take the port, too.
+            # Reuse of the address is allowed only here: else another program of this computer could bind the port.
             for one in (self._shared, own):
                 one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             own.bind(self._shared.getsockname())
             own.connect(sender)
-            _prepare(own)
+            _configure_socket(own)
         except OSError:
             own.close()
             return
@@ -171,9 +171,9 @@ class OscInbox:
         self._own[sender] = own
 
     def release(self, sender: Sender) -> None:
-        """`sender` is not connected any more."""
+        """Close the connected socket of `sender`, if it has one."""
         if (own := self._own.pop(sender, None)) is not None:
-            self._gone += self._lost.pop(own, 0)
+            self._lost_closed += self._lost.pop(own, 0)
             own.close()
 
     def close(self) -> None:
@@ -182,32 +182,32 @@ class OscInbox:
             self.release(sender)
         self._shared.close()
 
-    def take(self) -> tuple[dict[Sender, deque[Letter]], bool]:
-        """The newest datagrams of each sender, oldest first; and whether so many came that others may wait."""
+    def read_newest(self) -> tuple[dict[Sender, deque[Letter]], bool]:
+        """Read the newest datagrams of each sender, oldest first; and whether more may be queued."""
         found: dict[Sender, deque[Letter]] = {}
         more = False
         self._times.look()
         for own in self._own.values():
-            more |= self._take_from(own, _OWN_AT_ONCE, found)
-        more |= self._take_from(self._shared, _AT_ONCE, found)
+            more |= self._read_socket(own, _MAX_OWN_READS, found)
+        more |= self._read_socket(self._shared, _MAX_SHARED_READS, found)
         return found, more
 
-    def _take_from(self, source: socket.socket, most: int, found: dict[Sender, deque[Letter]]) -> bool:
+    def _read_socket(self, source: socket.socket, most: int, found: dict[Sender, deque[Letter]]) -> bool:
         for _ in range(most):
             try:
-                data, notes, _, sender = source.recvmsg(_MAX_MESSAGE_BYTES + 1, _NOTES)
+                data, notes, _, sender = source.recvmsg(_MAX_MESSAGE_BYTES + 1, _ANCILLARY_BYTES)
             except BlockingIOError:
                 return False
-            except OSError:  # "port unreachable" in reply to a bundle
+            except OSError:  # ICMP "port unreachable" after a bundle was sent
                 continue
             self.received += 1
-            self._note_lost(source, notes)
+            self._count_lost(source, notes)
             if len(data) > _MAX_MESSAGE_BYTES:
                 self.refused += 1
                 continue
             name: Sender = (sender[0], sender[1])
             if name not in found:
-                if len(found) >= _SENDERS:
+                if len(found) >= _MAX_SENDERS:
                     self.overtaken += 1
                     continue
                 found[name] = deque(maxlen=NEWEST)
@@ -215,37 +215,37 @@ class OscInbox:
             found[name].append((self._times.find(notes), data))
         return True
 
-    def _note_lost(self, source: socket.socket, notes: list[tuple[int, int, bytes]]) -> None:
+    def _count_lost(self, source: socket.socket, notes: list[tuple[int, int, bytes]]) -> None:
         for level, kind, data in notes:
-            if level == socket.SOL_SOCKET and kind == _OVERFLOW and len(data) >= _COUNT.size:
-                self._lost[source] = max(self._lost.get(source, 0), _COUNT.unpack(data[: _COUNT.size])[0])
+            if level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL and len(data) >= _DROP_COUNT.size:
+                self._lost[source] = max(self._lost.get(source, 0), _DROP_COUNT.unpack(data[: _DROP_COUNT.size])[0])
 
 
-def _prepare(opened: socket.socket) -> None:
+def _configure_socket(opened: socket.socket) -> None:
     opened.setblocking(False)
-    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-    opened.setsockopt(socket.SOL_SOCKET, _OVERFLOW, 1)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+    opened.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
     DatagramTimes.watch(opened)
 
 
 # --------------------------------------------------------------------------------------------------
-# The OSC addresses that are sent and understood: one table for server and documentation.
+# OSC addresses, sent and accepted: one table for server and documentation.
 #
-# Numbers go out as float32, counts and codes as int32, for most OSC programs know no other numbers. Vectors are in the
-# stator's frame; quaternions are scalar last.
+# Numbers are sent as float32, counts and codes as int32, because most OSC programs know no other types. Vectors are in
+# the stator's frame; quaternions are scalar last.
 
 
 @final
 @dataclass(frozen=True)
 class Outgoing:
-    """A message of each bundle: the numbers `first` to `last` of a row's `field`, in `unit`; or the buttons."""
+    """Message of each bundle: elements `first` to `last` of a row's `field`, in `unit`; or the buttons."""
 
     address: str
     field: str
     values: str  #: names of the values
     unit: str
     about: str
-    whole: bool = False  #: whether they are counts or codes, sent as integers
+    whole: bool = False  #: whether the values are counts or codes, sent as integers
     first: int = 0
     last: int | None = None
 
@@ -253,7 +253,7 @@ class Outgoing:
 @final
 @dataclass(frozen=True)
 class Incoming:
-    """A message that the server understands."""
+    """Message that the server accepts, or a reply."""
 
     address: str
     values: str
@@ -261,7 +261,7 @@ class Incoming:
     about: str
 
 
-#: the messages of a bundle, one bundle for a tick
+#: messages of a bundle, one bundle per tick
 OUTGOING = (
     Outgoing("/haptorb/tick", "tick", "n", "1", "number of the tick, modulo 2³¹", whole=True),
     Outgoing("/haptorb/time", "t", "t", "s", "time of the sample since the start"),
@@ -283,7 +283,7 @@ OUTGOING = (
     Outgoing("/haptorb/trip", "trip", "n", "1", "code of the last trip, 0 for none", whole=True),
 )
 
-#: what a program may send
+#: messages that a program may send
 INCOMING = (
     Incoming(
         "/haptorb/subscribe",
@@ -309,7 +309,7 @@ INCOMING = (
     ),
 )
 
-#: what goes back to the sender of a message, to its own port or to that of its subscription
+#: replies to the sender of a message, to its own port or to that of its subscription
 REPLIES = (
     Incoming("/haptorb/subscribed", "rate", "Hz", "Rate of the bundles."),
     Incoming("/haptorb/world", "NAME", "", "The current world: reply to `/haptorb/parameters` and `/haptorb/world`."),
@@ -324,19 +324,19 @@ REPLIES = (
 
 
 # --------------------------------------------------------------------------------------------------
-# What a program asks by an OSC message: understood, or refused with a reason.
+# Parsing of OSC messages into requests; an invalid message is refused with a reason.
 
 
-RATE = 100.0  #: bundles a second, unless a program asks for others [Hz]
-_FASTEST = 4000.0  #: [Hz]
-_NAME = 64  #: of a world or parameter [characters]
-_PARAMETER = "/haptorb/parameter/"
+RATE = 100.0  #: default rate of bundles [Hz]
+_MAX_RATE_HZ = 4000.0  #: highest rate of bundles [Hz]
+_MAX_NAME_CHARACTERS = 64  #: of a world or parameter [characters]
+_PARAMETER_PREFIX = "/haptorb/parameter/"
 
 
 @final
 @dataclass(frozen=True)
 class Subscribe:
-    """Bundles, `rate` a second [Hz], to `port` of the sender's computer; 0: the port that it sends from."""
+    """Request: send bundles at `rate` [Hz] to `port` of the sender's computer; 0: the port that it sends from."""
 
     port: int
     rate: float
@@ -345,7 +345,7 @@ class Subscribe:
 @final
 @dataclass(frozen=True)
 class Unsubscribe:
-    """No more bundles to `port`; 0: the port that the sender sends from."""
+    """Request: stop bundles to `port`; 0: the port that the sender sends from."""
 
     port: int
 
@@ -353,13 +353,13 @@ class Unsubscribe:
 @final
 @dataclass(frozen=True)
 class AskParameters:
-    """The name of the world and its parameters."""
+    """Request: reply with the name of the world and its parameters."""
 
 
 @final
 @dataclass(frozen=True)
 class SetParameter:
-    """Another value of a parameter of the present world, in its own unit: one number, or several."""
+    """Request: set a parameter of the current world, in its own unit, to one number or several."""
 
     name: str
     value: float | tuple[float, ...]
@@ -368,7 +368,7 @@ class SetParameter:
 @final
 @dataclass(frozen=True)
 class ChangeWorld:
-    """Another world, with its default parameters."""
+    """Request: change the world, with its default parameters."""
 
     name: str
 
@@ -376,7 +376,7 @@ class ChangeWorld:
 @final
 @dataclass(frozen=True)
 class CommandForce:
-    """The force (3,) of the world `remote` [N], stator frame."""
+    """Request: set the force (3,) of the world `remote` [N], stator frame."""
 
     force: tuple[float, ...]
 
@@ -385,12 +385,12 @@ Request: TypeAlias = Subscribe | Unsubscribe | AskParameters | SetParameter | Ch
 
 
 def parse_request(address: str, values: Sequence[Any]) -> Request:
-    """What a message asks. Raises InputError if its address or values are none of `addresses.INCOMING`.
+    """Parse a message. Raises InputError if its address or values are not in `INCOMING`.
 
     >>> parse_request("/haptorb/force", [0.5, 0, 1])
     CommandForce(force=(0.5, 0.0, 1.0))
     """
-    if address.startswith(_PARAMETER):
+    if address.startswith(_PARAMETER_PREFIX):
         return _read_parameter(address, values)
     match address:
         case "/haptorb/force":
@@ -412,8 +412,8 @@ def _read_subscription(values: Sequence[Any]) -> Subscribe:
         raise InputError(f"{address} has at most two values, port and rate; got {len(values)}")
     port = _read_port(address, values[0] if values else 0)
     (rate,) = _read_numbers(address, values[1:] or [RATE], 1)
-    if not 0 < rate <= _FASTEST:
-        raise InputError(f"{address}: the rate must be above 0 and at most {_FASTEST:g} Hz; got {rate:g}")
+    if not 0 < rate <= _MAX_RATE_HZ:
+        raise InputError(f"{address}: the rate must be above 0 and at most {_MAX_RATE_HZ:g} Hz; got {rate:g}")
     return Subscribe(port, rate)
 
 
@@ -425,21 +425,23 @@ def _read_port(address: str, value: Any) -> int:
 
 
 def _read_parameter(address: str, values: Sequence[Any]) -> SetParameter:
-    name = address.removeprefix(_PARAMETER)
-    if not name.isidentifier() or len(name) > _NAME:
-        raise InputError(f"{address[:80]} names no parameter; send {_PARAMETER}NAME with a value")
+    name = address.removeprefix(_PARAMETER_PREFIX)
+    if not name.isidentifier() or len(name) > _MAX_NAME_CHARACTERS:
+        raise InputError(f"{address[:80]} names no parameter; send {_PARAMETER_PREFIX}NAME with a value")
     numbers = _read_numbers(address, values, None)
     return SetParameter(name, numbers[0] if len(numbers) == 1 else numbers)
 
 
 def _read_name(address: str, values: Sequence[Any]) -> str:
-    if len(values) != 1 or not isinstance(values[0], str) or not 0 < len(values[0]) <= _NAME:
-        raise InputError(f"{address} has one value, a name of at most {_NAME} characters; got {quote(list(values))}")
+    if len(values) != 1 or not isinstance(values[0], str) or not 0 < len(values[0]) <= _MAX_NAME_CHARACTERS:
+        raise InputError(
+            f"{address} has one value, a name of at most {_MAX_NAME_CHARACTERS} characters; got {quote(list(values))}"
+        )
     return values[0]
 
 
 def _read_numbers(address: str, values: Sequence[Any], count: int | None) -> tuple[float, ...]:
-    """`values` as finite numbers, `count` of them, or one to three."""
+    """Check that `values` are finite numbers, `count` of them, or one to three for None."""
     wanted = "one to three" if count is None else str(count)
     many = len(values)
     if not (1 <= many <= 3 if count is None else many == count):
@@ -451,19 +453,19 @@ def _read_numbers(address: str, values: Sequence[Any], count: int | None) -> tup
 
 
 # --------------------------------------------------------------------------------------------------
-# A row as an OSC bundle: the messages of `addresses.OUTGOING`, stamped with the time at which the tick began.
+# A row as an OSC bundle: the messages of `OUTGOING`, stamped with the start time of the tick.
 
 
-_SINCE_1900 = 2_208_988_800  #: seconds from the epoch of OSC's time tags to that of Unix
-_FRACTIONS = 1 << 32  #: of a second, in a time tag
-_INTEGERS = 1 << 31
+_NTP_EPOCH_OFFSET_S = 2_208_988_800  #: from the epoch of OSC's time tags, 1900, to that of Unix [s]
+_FRACTIONS_PER_SECOND = 1 << 32  #: resolution of a time tag
+_INT32_MODULUS = 1 << 31  #: counts are sent modulo this
 
 
 @final
 class RowBundle:
-    """Packs rows of `layout`; `utc` leads from their clock `wall` to seconds since 1970 [s].
+    """Encoder of rows of `layout` as OSC bundles; `utc` is added to `wall` of a row to get seconds since 1970 UTC [s].
 
-    Every bundle has the same form, so the form is made once and a bundle is one call of `struct.pack`.
+    Every bundle has the same format, so it is compiled once and a bundle is one call of `struct.pack`.
     """
 
     def __init__(self, layout: RowLayout, utc: float, messages: Sequence[Outgoing] = OUTGOING) -> None:
@@ -479,25 +481,28 @@ class RowBundle:
             self._parts += [len(head) + 4 * len(indices), head, *[None] * len(indices)]
             places += indices
             whole += [message.whole] * len(indices)
-        self._form = struct.Struct(">8sII" + "".join(formats))
+        self._format = struct.Struct(">8sII" + "".join(formats))
         self._places = np.array(places)
         self._whole = whole
-        self._gaps = [i for i, part in enumerate(self._parts) if part is None]
+        self._value_indices = [i for i, part in enumerate(self._parts) if part is None]
 
     def pack(self, row: Array, buttons: Sequence[bool] = (False,) * len(BUTTONS)) -> bytes:
-        """The bundle of `row` (width,), in the units of its layout, with the `buttons` that are held down. A count or
-        code that is not known is −1."""
+        """Encode `row` (width,), in the units of its layout, and the pressed `buttons`.
+
+        Unknown counts and codes are −1."""
         filled: list[object] = list(self._parts)
         numbers = np.concatenate([row, buttons])[self._places].tolist()
-        for gap, number, whole in zip(self._gaps, numbers, self._whole, strict=True):
+        for gap, number, whole in zip(self._value_indices, numbers, self._whole, strict=True):
             filled[gap] = _to_integer(number) if whole else _to_single(number)
-        moment = row[self._wall] + self._utc + _SINCE_1900
+        moment = row[self._wall] + self._utc + _NTP_EPOCH_OFFSET_S
         seconds = int(moment // 1)
-        return self._form.pack(b"#bundle\x00", seconds % _FRACTIONS, int((moment - seconds) * _FRACTIONS), *filled)
+        return self._format.pack(
+            b"#bundle\x00", seconds % _FRACTIONS_PER_SECOND, int((moment - seconds) * _FRACTIONS_PER_SECOND), *filled
+        )
 
 
 def _find_numbers(layout: RowLayout, message: Outgoing) -> range:
-    """Where the numbers of `message` lie in a row, behind which the buttons stand."""
+    """Indices of the values of `message` in a row followed by the buttons."""
     if message.field == "buttons":
         return range(layout.width, layout.width + len(BUTTONS))
     field = layout[message.field]
@@ -505,15 +510,15 @@ def _find_numbers(layout: RowLayout, message: Outgoing) -> range:
 
 
 def _to_integer(number: float) -> int:
-    return int(number) % _INTEGERS if number == number and number >= 0.0 else -1
+    return int(number) % _INT32_MODULUS if number == number and number >= 0.0 else -1
 
 
 def _to_single(number: float) -> float:
-    return number if abs(number) < 3e38 else float("nan")  # what a float32 cannot hold is no number
+    return number if abs(number) < 3e38 else float("nan")  # out of range of a float32: NaN
 
 
 def pad_text(text: str) -> bytes:
-    """`text` as OSC has it: ended by one to four zeros, so that its length is a multiple of 4 bytes.
+    """Encode `text` as an OSC string: terminated by one to four zero bytes, length a multiple of 4 bytes.
 
     >>> pad_text("/abc"), pad_text(",ff")
     (b'/abc\\x00\\x00\\x00\\x00', b',ff\\x00')
@@ -523,19 +528,20 @@ def pad_text(text: str) -> bytes:
 
 
 # --------------------------------------------------------------------------------------------------
-# Who gets bundles: at which port, how often, and until when.
+# Subscriptions: port, rate and expiry.
 
 
-LEASE = 10.0  #: a subscription holds for so long, and is renewed by another [s]
-MOST = 16  #: subscribers
+LEASE = 10.0  #: lifetime of a subscription; a new request renews it [s]
+MOST = 16  #: subscribers at most
 
 
 @final
 @dataclass
 class Subscriber:
-    """A port that bundles go to, `rate` a second [Hz]; `due` on the loop's clock, `until` on the computer's [s].
+    """Subscription of a port, at `rate` [Hz]: next bundle at `due` on the loop's clock, expiry `until` on the monotonic
+    clock [s].
 
-    any_account  whoever has the port may read: its program has shown the token
+    any_account  whether the port may belong to another account: its program sent the token
     """
 
     to: Sender
@@ -544,32 +550,32 @@ class Subscriber:
     any_account: bool = False
     due: float = float("-inf")
     sent: int = 0
-    dropped: int = 0  #: that the system could not take: the way there is full
+    dropped: int = 0  #: bundles that were not sent because the socket's buffer was full
 
     def is_due(self, t: float) -> bool:
-        """Whether the row of time `t` [s] goes to it: so that there are `rate` a second, at even distances."""
+        """Whether the row of time `t` [s] is due; if so, schedule the next one, evenly spaced at `rate`."""
         if t < self.due - 1e-6:
             return False
         gap = 1.0 / self.rate
-        # Not from `t`, which is later than was due: the rate would be too low. But nothing is made up for.
+        # From `due`, not from the later `t`, which would lower the rate; after a gap there is no catch-up.
         self.due = (self.due if t - self.due < gap else t) + gap
         return True
 
 
 @final
 class Subscribers:
-    """Everybody who gets bundles."""
+    """The current subscriptions, at most `MOST`."""
 
     def __init__(self) -> None:
         self._known: dict[Sender, Subscriber] = {}
 
     @property
     def current(self) -> list[Subscriber]:
-        """All of them, in the order in which they came."""
+        """All subscriptions, oldest first."""
         return list(self._known.values())
 
     def add(self, to: Sender, rate: float, now: float, *, any_account: bool = False) -> Subscriber:
-        """Send to `to` at `rate` [Hz], or renew that. Raises InputError if there are too many others."""
+        """Add or renew the subscription of `to` at `rate` [Hz]. Raises InputError if there are too many."""
         known = self._known.get(to)
         if known is None:
             if len(self._known) >= MOST:
@@ -581,31 +587,31 @@ class Subscribers:
         return known
 
     def remove(self, to: Sender) -> None:
-        """Send nothing more to `to`."""
+        """Remove the subscription of `to`, if it has one."""
         self._known.pop(to, None)
 
     def expire(self, now: float) -> None:
-        """Forget those who did not renew."""
+        """Remove the subscriptions that were not renewed."""
         for one in self.current:
             if one.until < now:
                 self.remove(one.to)
 
 
 # --------------------------------------------------------------------------------------------------
-# Parameters of the present world that programs set: checked as the console checks them, and asked for together.
+# Requests for a world and its parameters: checked as the console checks them, and sent together.
 #
-# A fader sends a hundred values a second. The newest of each parameter is asked for, at most twenty times a second.
+# A fader sends a hundred values a second. The newest of each parameter is requested, at most twenty times a second.
 
 
 _REQUEST_INTERVAL_S = 0.05  #: between two requests [s]
-_REQUEST_TIMEOUT_S = 2.0  #: a request that was not met until then is forgotten [s]
+_REQUEST_TIMEOUT_S = 2.0  #: a request that was not applied by then is dropped [s]
 
 Value: TypeAlias = float | tuple[float, ...]
 
 
 @final
 class WorldRequests:
-    """What programs want of the world of `served`."""
+    """Pending request for the world of `served` and its parameters."""
 
     def __init__(self, served: ServedDevice) -> None:
         self._served = served
@@ -615,21 +621,20 @@ class WorldRequests:
 
     @property
     def name(self) -> str:
-        """Name of the world: of the requested one, until it is there."""
+        """Name of the requested world while a request is pending, else of the current one."""
         return self._name or str(self._served.world.get("name", ""))
 
     def list_parameters(self) -> list[tuple[Parameter, Value]]:
-        """The parameters of the present world with their values, in their own units."""
+        """Parameters of the current world with their values, in their own units."""
         world = self._served.world
         known = CATALOGUE.get(world.get("name", ""))
         values = world.get("values", {})
-        if known is None:  # a person's own world: the range is known to the loop's process only
-            return [(_describe_own(name, value), _to_value(value)) for name, value in values.items()]
+        if known is None:  # a user's world: only the loop's process knows the ranges
+            return [(_describe_user_parameter(name, value), _to_value(value)) for name, value in values.items()]
         return [(one, _to_value(values.get(name, one.default))) for name, one in parameters(known).items()]
 
     def set(self, name: str, value: Value, now: float) -> None:
-        """Wish for the parameter `name` to be `value`, in its own unit. Raises UnknownName or InputError if it cannot
-        be."""
+        """Request `value` for the parameter `name`, in its own unit. Raises UnknownName or InputError if invalid."""
         world = self.name
         if world in CATALOGUE:
             find_world(world)().replace(**{name: value}).for_device(self._served.device)
@@ -644,17 +649,18 @@ class WorldRequests:
         self._until = now + _REQUEST_TIMEOUT_S
 
     def change(self, name: str, now: float) -> None:
-        """Wish for the world `name` with its default values. Raises UnknownName or InputError if there is none, or
-        none for this device."""
+        """Request the world `name` with its default values.
+
+        Raises UnknownName or InputError if there is none, or none for this device."""
         if name != self._served.world.get("name"):
             find_world(name)().for_device(self._served.device)
         self._name, self._values, self._until = name, {}, now + _REQUEST_TIMEOUT_S
 
-    def tell(self, now: float) -> None:
-        """Pass on what is requested and not there yet, if it is time."""
+    def send_due(self, now: float) -> None:
+        """Send the pending request if it is due; drop it once it is applied or has timed out."""
         if not self._name or now < self._next:
             return
-        if now > self._until or self._is_true():
+        if now > self._until or self._is_applied():
             self._name, self._values, self._sent = "", {}, None
             return
         request = (self._name, dict(self._values))
@@ -662,7 +668,7 @@ class WorldRequests:
             self._served.request_world(*request)
             self._sent, self._next = request, now + _REQUEST_INTERVAL_S
 
-    def _is_true(self) -> bool:
+    def _is_applied(self) -> bool:
         world = self._served.world
         values: Mapping[str, Any] = world.get("values", {})
         return world.get("name") == self._name and all(
@@ -674,17 +680,17 @@ def _to_value(value: Any) -> Value:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _describe_own(name: str, value: Any) -> Parameter:
+def _describe_user_parameter(name: str, value: Any) -> Parameter:
     return Parameter(name, "", float("-inf"), float("inf"), "", _to_value(value))
 
 
 # --------------------------------------------------------------------------------------------------
-# One run's programs that speak OSC: what they send is done, refused or counted, and rows go to who subscribed.
+# The OSC clients of a run: executes, refuses or counts their messages, and sends rows to subscribers.
 
 
-_ERRORS = 0.1  #: between two answers of refusal to one program [s]
-_PROGRAMS = 64  #: that are remembered; of more, those that were silent for longest are forgotten
-_FORGET = 30.0  #: a program that said nothing for so long is not connected any more [s]
+_ERROR_INTERVAL_S = 0.1  #: between two error replies to one program [s]
+_MAX_PROGRAMS = 64  #: programs; another one replaces the one that was silent for longest
+_PROGRAM_TIMEOUT_S = 30.0  #: a program that sent nothing for this long is no longer listed [s]
 
 
 @final
@@ -695,15 +701,15 @@ class _Program:
         self.last_time = 0.0
         self.count, self.rate = 0, 0.0
         self.next_error = 0.0
-        self.own = False  # whether a program of this account sends from there
+        self.own = False  # whether the sender runs under this account
 
 
 @final
 class OscSession:
-    """Serves the rows and the force of `served` through `opened`, a UDP socket.
+    """OSC server of the device `served` on `opened`, a UDP socket.
 
-    token   first value of every message of who is not of this account; empty: nobody else may send any
-    beyond  other computers reach the socket: every message needs the token
+    token   first value of every message from another account; empty: only this account may send
+    beyond  whether other computers reach the socket: then every message needs the token
     """
 
     def __init__(self, opened: socket.socket, served: ServedDevice, token: str = "", *, beyond: bool = False) -> None:
@@ -714,13 +720,13 @@ class OscSession:
         self._subscribers = Subscribers()
         self._world_requests = WorldRequests(served)
         self._programs: dict[Sender, _Program] = {}
-        self.refused = 0  #: packets and messages that were none of the documented ones, or were not allowed
-        self.dropped = 0  #: bundles that the system could not take
+        self.refused = 0  #: packets and messages that were invalid or not authorized
+        self.dropped = 0  #: bundles that were not sent because the socket's buffer was full
         self._next_account_error = 0.0
 
     @property
     def sockets(self) -> list[socket.socket]:
-        """What to wait for: something may come from each."""
+        """All sockets to wait on."""
         return self._inbox.sockets
 
     def close(self) -> None:
@@ -728,13 +734,13 @@ class OscSession:
         self._inbox.close()
 
     @property
-    def lively(self) -> bool:
-        """Whether rows go anywhere."""
+    def has_subscribers(self) -> bool:
+        """Whether there is a subscription."""
         return bool(self._subscribers.current)
 
     def read_messages(self) -> bool:
-        """Do what programs sent since the last call; True if they send more than is read."""
-        found, more = self._inbox.take()
+        """Execute the messages received since the last call; True if more may be queued."""
+        found, more = self._inbox.read_newest()
         now = monotonic()
         owners = None if self._beyond or not found else UdpOwners()
         for sender, letters in found.items():
@@ -754,13 +760,13 @@ class OscSession:
                     continue
                 for address, values in messages:
                     try:
-                        asked = self._do(program, address, values, arrival, now)
+                        asked = self._execute(program, address, values, arrival, now)
                         force, since = (force, since) if asked is None else (asked, arrival)
                     except InputError as cause:
                         self._refuse(program, cause, now)
             if force is not None:
                 self._command(program, force, since, now)
-        self._world_requests.tell(now)
+        self._world_requests.send_due(now)
         return more
 
     def _command(self, program: _Program, force: tuple[float, ...], since: float, now: float) -> None:
@@ -774,10 +780,10 @@ class OscSession:
         elif not self._served.renders_force:
             self._refuse(program, InputError("the current world does not render clients' forces; choose 'remote'"), now)
 
-    def _do(
+    def _execute(
         self, program: _Program, address: str, values: list[Any], arrival: float, now: float
     ) -> tuple[float, ...] | None:
-        """Do what a message asks; the force, if it asks for one: of several at once, the last counts."""
+        """Execute a message, except a force, which is returned: of several in one poll, the last counts."""
         program.count += 1
         authorized = self._has_token(values)
         if not (authorized or program.own):  # safety: osc-token
@@ -786,7 +792,7 @@ class OscSession:
         if authorized:
             del values[0]
         request = parse_request(address, values)
-        self._inbox.keep(program.sender)
+        self._inbox.open_own(program.sender)
         late = now - arrival > LATE  # safety: late-requests
         match request:
             case CommandForce(force):
@@ -819,12 +825,12 @@ class OscSession:
             self._answer(program, make_parameter_answer(parameter, value))
 
     def send(self, rows: Array) -> None:
-        """Send `rows` (n, width), oldest first, to whom they are due."""
+        """Send `rows` (n, width), oldest first, to the subscribers for which they are due."""
         now = monotonic()
         self._subscribers.expire(now)
         buttons = tuple(self._served.buttons.values())
         owners: UdpOwners | None = None
-        for row in rows if self.lively else ():
+        for row in rows if self.has_subscribers else ():
             data = b""
             for one in self._subscribers.current:
                 if one.is_due(float(row[self._t])):
@@ -841,9 +847,9 @@ class OscSession:
                         self.dropped += 1
 
     def report(self, address: str, seconds: float) -> None:
-        """Tell people who is connected, where messages came at which rate since `seconds` [s]; and what was lost."""
+        """Publish the connected programs, their message rates over the last `seconds` [s], and the loss counts."""
         now = monotonic()
-        for sender in [one for one, program in self._programs.items() if now - program.last_time > _FORGET]:
+        for sender in [one for one, program in self._programs.items() if now - program.last_time > _PROGRAM_TIMEOUT_S]:
             del self._programs[sender]
             self._inbox.release(sender)
         clients = []
@@ -866,7 +872,7 @@ class OscSession:
     def _find_program(self, sender: Sender, now: float) -> _Program:
         found = self._programs.get(sender)
         if found is None:
-            if len(self._programs) >= _PROGRAMS:
+            if len(self._programs) >= _MAX_PROGRAMS:
                 oldest = min(self._programs.values(), key=lambda one: one.last_time)
                 del self._programs[oldest.sender]
                 self._inbox.release(oldest.sender)
@@ -875,40 +881,40 @@ class OscSession:
         return found
 
     def _refuse_account(self, sender: Sender, count: int, now: float) -> None:
-        """Who is not of this account learns why, at most ten times a second in all."""
+        """Refuse `count` packets of another account, with an error reply at most ten times a second in total."""
         self.refused += count
         if now >= self._next_account_error:
-            self._next_account_error = now + _ERRORS
+            self._next_account_error = now + _ERROR_INTERVAL_S
             text = f"this server is for programs of the account that runs the servo; others need {TOKEN}"
             self._send(make_message("/haptorb/error", text), sender)
 
     def _refuse(self, program: _Program, cause: InputError, now: float) -> None:
         self.refused += 1
         if now >= program.next_error:
-            program.next_error = now + _ERRORS
+            program.next_error = now + _ERROR_INTERVAL_S
             self._answer(program, make_message("/haptorb/error", str(cause)))
 
     def _answer(self, program: _Program, data: bytes) -> None:
         self._send(data, program.answers_to)
 
     def _send(self, data: bytes, to: Sequence[Any]) -> bool:
-        with suppress(OSError):  # the buffer is full, or the port closed: never wait
+        with suppress(OSError):  # the buffer is full, or the port is closed; do not block
             self._socket.sendto(data, tuple(to))
             return True
         return False
 
 
 FORM = KINDS["osc"].form
-PORT = 9000  #: unless another is given
+PORT = 9000  #: default port
 
-_LIVELY = 0.002  #: between two looks for rows while a client receives them [s]
-_IDLE = 0.05  #: and while none does [s]
-_FLOODED = 0.004  #: rest after a look that did not reach the end of what came [s]
-_REPORT = 0.25  #: between two reports [s]
+_ACTIVE_POLL_INTERVAL_S = 0.002  #: polling interval of the rows with subscribers [s]
+_IDLE_POLL_INTERVAL_S = 0.05  #: and without [s]
+_FLOOD_PAUSE_S = 0.004  #: pause after a poll that did not read all queued datagrams [s]
+_REPORT_INTERVAL_S = 0.25  #: between two reports [s]
 
 
 def prepare(where: str) -> ServerPreparation:
-    """Understand [HOST:]PORT and open the port. Raises InputError if it cannot be had."""
+    """Parse [HOST:]PORT and open the port. Raises InputError if it is not available."""
     host, _, port = where.rpartition(":")
     host = host.strip("[]") or LOOPBACK
     number = check_port(port, FORM) if where else PORT
@@ -928,19 +934,21 @@ def prepare(where: str) -> ServerPreparation:
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
     """Serve until `served.over`; `spec` and `descriptors` are those of `prepare`."""
-    logging.disable(logging.WARNING)  # python-osc logs what it does not know, and anybody may send that
+    logging.disable(logging.WARNING)  # python-osc logs each invalid packet, and any program may send some
     opened = socket.socket(fileno=descriptors[0])
     session = OscSession(opened, served, spec["token"], beyond=spec["beyond"])
     last = monotonic()
     while not served.over:
-        select.select(session.sockets, [], [], _LIVELY if session.lively else _IDLE)
+        select.select(
+            session.sockets, [], [], _ACTIVE_POLL_INTERVAL_S if session.has_subscribers else _IDLE_POLL_INTERVAL_S
+        )
         flooded = session.read_messages()
         session.send(served.read_rows())
         now = monotonic()
-        if now - last >= _REPORT:
+        if now - last >= _REPORT_INTERVAL_S:
             session.report(spec["address"], now - last)
             last = now
-        if flooded:  # the processors belong to the loop first
-            sleep(_FLOODED)
+        if flooded:  # leave processor time to the loop
+            sleep(_FLOOD_PAUSE_S)
     session.report(spec["address"], max(monotonic() - last, 1e-3))
     session.close()

@@ -1,6 +1,6 @@
-"""A server's own process: `python -m haptorb.serve.server_process`; what it is to do comes on its standard input.
+"""Entry point of a server process: `python -m haptorb.serve.server_process`, with its settings on standard input.
 
-Whatever its clients do, the loop only reads what this process has written into the shared memory.
+Clients cannot delay the loop: it only reads what this process has written into the shared memory.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def main(spec: dict[str, Any]) -> int:
     device (Device), facts (of the run).
     """
     for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
+        signal.signal(number, signal.SIG_IGN)  # this process ends with the servo instead
     die_with_parent()
     shared = SharedMemory(Path(spec["shared"]))
     served = ServedDevice(shared, spec["slot"], spec["parent"], spec["device"], spec["facts"])
@@ -43,7 +43,7 @@ def main(spec: dict[str, Any]) -> int:
     try:
         kind = load_kind(spec["kind"])
         gc.collect()
-        gc.freeze()  # a search through all that is loaded would hold up an answer
+        gc.freeze()  # else garbage collection over all loaded modules would delay a reply
         shared.words[phase] = Phase.RUNNING
         kind.serve(spec["given"], spec["descriptors"], served)
     except Exception as cause:
@@ -60,4 +60,4 @@ def main(spec: dict[str, Any]) -> int:
 if __name__ == "__main__":
     number = main(unpack(sys.stdin.buffer.read()))
     sys.stderr.flush()
-    os._exit(number)  # threads of a server's library must not keep the process
+    os._exit(number)  # threads of a server's library must not keep the process alive

@@ -17,29 +17,29 @@ def subscribe(number: object, topic: object) -> str:
 
 def take_all(viewer: ViewerConnection, count: int) -> list[bytes]:
     async def take() -> list[bytes]:
-        return [await viewer.take() for _ in range(count)]
+        return [await viewer.dequeue() for _ in range(count)]
 
     return asyncio.run(take())
 
 
 def test_messages_of_a_subscription_come_in_order_with_its_number() -> None:
     viewer = ViewerConnection("test", 1, topics=3)
-    viewer.offer(2, b"before", 1)
-    assert viewer.take_message(subscribe(17, 2)) == [2]
-    viewer.offer(2, b"one", 5)
-    viewer.offer(1, b"other", 6)
-    viewer.offer(2, b"two", 7)
+    viewer.enqueue(2, b"before", 1)
+    assert viewer.handle_message(subscribe(17, 2)) == [2]
+    viewer.enqueue(2, b"one", 5)
+    viewer.enqueue(1, b"other", 6)
+    viewer.enqueue(2, b"two", 7)
     found = [(struct.unpack("<BIQ", data[:13]), data[13:]) for data in take_all(viewer, 2)]
     assert found == [((1, 17, 5), b"one"), ((1, 17, 7), b"two")]
-    viewer.take_message(json.dumps({"op": "unsubscribe", "subscriptionIds": [17]}))
+    viewer.handle_message(json.dumps({"op": "unsubscribe", "subscriptionIds": [17]}))
     assert not viewer.is_subscribed(2)
 
 
 def test_a_slow_viewer_loses_the_oldest_and_it_is_counted() -> None:
     viewer = ViewerConnection("test", 1, topics=1)
-    viewer.take_message(subscribe(1, 1))
+    viewer.handle_message(subscribe(1, 1))
     for i in range(ROOM + 30):
-        viewer.offer(1, str(i).encode(), i)
+        viewer.enqueue(1, str(i).encode(), i)
     assert viewer.dropped == 30
     assert take_all(viewer, 1)[0].endswith(b"30")
 
@@ -55,15 +55,15 @@ def test_a_slow_viewer_loses_the_oldest_and_it_is_counted() -> None:
 )  # fmt: skip
 def test_nonsense_does_nothing(text: str | bytes) -> None:
     viewer = ViewerConnection("test", 1, topics=1)
-    assert viewer.take_message(text) == []
+    assert viewer.handle_message(text) == []
     assert not viewer.is_subscribed(1)
 
 
 def test_a_viewer_subscribes_to_so_much_only() -> None:
     viewer = ViewerConnection("test", 1, topics=1)
     for number in range(1000):
-        viewer.take_message(subscribe(number, 1))
-    viewer.offer(1, b"", 0)
+        viewer.handle_message(subscribe(number, 1))
+    viewer.enqueue(1, b"", 0)
     assert viewer.dropped == 0
 
 

@@ -368,6 +368,6 @@ def test_an_osc_server_survives_them(n):
 def test_a_foxglove_server_survives_them(n):
     viewer = ViewerConnection("test", 1, topics=3)
     for text in messages(8, n, FOXGLOVE):
-        assert all(0 <= topic < 3 for topic in viewer.take_message(text))
-    viewer.take_message('{"op": "unsubscribe", "subscriptionIds": [17]}')
-    assert viewer.take_message('{"op": "subscribe", "subscriptions": [{"id": 17, "channelId": 2}]}') in ([2], [])
+        assert all(0 <= topic < 3 for topic in viewer.handle_message(text))
+    viewer.handle_message('{"op": "unsubscribe", "subscriptionIds": [17]}')
+    assert viewer.handle_message('{"op": "subscribe", "subscriptions": [{"id": 17, "channelId": 2}]}') in ([2], [])
