@@ -74,6 +74,12 @@ def test_rows_come_once_and_those_that_were_lost_are_counted(bench):
 def test_buttons_reports_and_requests_pass_between_the_processes(bench):
     bench.shared.words[Word.BUTTONS] = 0b101
     assert bench.served.buttons == {"a": True, "b": False, "c": True}
+    assert math.isnan(bench.served.grip)
+    bench.shared.hand.write(0b010, 0.02)  # a scripted hand presses another button, with a gripper
+    assert bench.served.buttons == {"a": True, "b": True, "c": True}
+    assert bench.served.grip == 0.02
+    bench.shared.hand.write(0, math.nan)
+    assert bench.served.buttons == {"a": True, "b": False, "c": True}
     bench.served.report("haply", "ws://here", [{"name": "one", "session": 1, "rate_hz": 9.0, "holds": True}])
     assert json.loads(bench.shared.server_facts[0].read()[1])["clients"][0]["name"] == "one"
     bench.served.request_world("terrain", {"height": 0.5})

@@ -41,7 +41,7 @@ from haptorb.files import open_regular, read_text
 from haptorb.recording.recording import Recording
 from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.trackers.registry import has_feed
-from haptorb.simulation.hand import SampledPath, ScriptedMotion, handle_quaternion, upright_quaternion
+from haptorb.simulation.hand import SampledPath, ScriptedMotion, handle_quaternions, upright_quaternions
 
 __all__ = ["LONGEST", "choose_hand", "parse_script", "parse_table", "read_hand"]
 
@@ -126,7 +126,7 @@ def _orient(places: Array, device: Device) -> Array:
     plate."""
     if device.is_upright:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(places), 1))
-    return np.array([upright_quaternion(place) for place in places])
+    return upright_quaternions(places)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -197,9 +197,7 @@ def parse_table(text: str, device: Device, path: str, digest: str = "") -> Scrip
             at = int(np.argmax(np.abs(lengths - 1.0) > 0.01))
             raise InputError(f"{path}, line {numbers[at]}: qx, qy, qz, qw must be a quaternion of length 1")
     elif "psi" in table:
-        poses[:, 3:] = [
-            handle_quaternion(*row) for row in zip(table["psi"], table["lambda"], table["phi"], strict=True)
-        ]
+        poses[:, 3:] = handle_quaternions(np.column_stack([table[name] for name in ("psi", "lambda", "phi")]))
     else:
         poses[:, 3:] = _orient(poses[:, :3], device)
     presses: list[tuple[float, int]] = []
@@ -352,7 +350,8 @@ def _read_recording(path: Path, device: Device) -> ScriptedMotion:
 
 
 _LINES = 10_000
-_N = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)"
+_COMMAND_CHARACTERS = 200
+_N = r"([-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:e[-+]?\d{1,4})?)"
 _UNIT = r"([^\s\d]\S*)"
 _PLACE = rf"{_N}\s+{_N}\s+{_N}\s*{_UNIT}"
 _TURN = rf"turn\s+{_N}\s+{_N}\s+{_N}\s*{_UNIT}"
@@ -473,7 +472,7 @@ def parse_script(text: str, device: Device, path: str, digest: str = "") -> Scri
     poses = np.zeros((len(times), 7))
     poses[:, :3] = knots[:, :3]
     if script.turned or device.kind.modes:
-        poses[:, 3:] = [handle_quaternion(*angles) for angles in knots[:, 3:]]
+        poses[:, 3:] = handle_quaternions(knots[:, 3:])
     else:
         poses[:, 3:] = _orient(poses[:, :3], device)
     grip = np.array(script.grip).reshape(-1, 2)
@@ -483,6 +482,8 @@ def parse_script(text: str, device: Device, path: str, digest: str = "") -> Scri
 
 def _obey(script: _Script, words: str) -> None:
     """Add the command `words` to `script`; ValueError for what is none."""
+    if len(words) > _COMMAND_CHARACTERS:
+        raise ValueError(f"a command has at most {_COMMAND_CHARACTERS} characters")
     if (match := _START.fullmatch(words)) is not None and words.lower() != "start":
         script.start(_read_three(match.groups()[:4], "m"), _read_three(match.groups()[4:8], "rad"))
     elif (match := _MOVE.fullmatch(words)) is not None and (match[2] or match[6]):

@@ -34,10 +34,12 @@ __all__ = [
     "check_pose",
     "guide_hand",
     "handle_quaternion",
+    "handle_quaternions",
     "lead_tool",
     "position_on_path",
     "split_pose",
     "upright_quaternion",
+    "upright_quaternions",
 ]
 
 
@@ -118,6 +120,23 @@ def upright_quaternion(p: Array) -> Array:
     # Not the compiled one: a host says it while its heart beats, and compiling holds up all of its threads for seconds.
     _turn_upright(p, q)
     return q
+
+
+def upright_quaternions(places: Array) -> Array:
+    """(n, 4) the same of each of `places` (n, 3) [m].
+
+    >>> upright_quaternions(np.array([[0.0, -0.05, 0.0], [0.0, 0.0, 0.05]])).round(3).tolist()
+    [[0.707, 0.0, 0.0, 0.707], [-0.0, 0.0, 0.0, 1.0]]
+    """
+    x, y, z = places.T
+    length = np.sqrt(x * x + y * y + z * z)
+    w = length + z
+    size = np.sqrt(x * x + y * y + w * w)
+    known = (length >= 1e-12) & (z > -length * (1 - 1e-12))
+    size[~known] = 1.0
+    found: Array = np.stack([-y / size, x / size, np.zeros(len(x)), w / size], axis=1)
+    found[~known] = 0.0, 0.0, 0.0, 1.0
+    return found
 
 
 # --------------------------------------------------------------------------------------------------
@@ -266,6 +285,19 @@ def handle_quaternion(psi: float, lam: float, phi: float) -> Array:
     return q
 
 
+def handle_quaternions(angles: Array) -> Array:
+    """(n, 4) the same of each of `angles` (n, 3), ψ, λ, φ [rad].
+
+    >>> handle_quaternions(np.array([[0.0, 0.0, np.pi]])).round(12).tolist()
+    [[0.0, 0.0, 1.0, 0.0]]
+    """
+    (a, b, c), (u, v, w) = np.sin(0.5 * angles.T), np.cos(0.5 * angles.T)
+    found: Array = np.stack(
+        [a * v * w + u * b * c, u * b * w - a * v * c, u * v * c + a * b * w, u * v * w - a * b * c], axis=1
+    )
+    return found
+
+
 @final
 class HandleMotion(GuidedMotion):
     """A hand on the handle of a motor."""
@@ -388,7 +420,7 @@ class SampledPath:
         elif upright:
             self.poses[:, 3:] = 0.0, 0.0, 0.0, 1.0
         else:
-            self.poses[:, 3:] = [upright_quaternion(place) for place in rows]
+            self.poses[:, 3:] = upright_quaternions(rows)
         turned = np.sum(self.poses[1:, 3:] * self.poses[:-1, 3:], axis=1) < 0.0
         self.poses[1:, 3:][np.logical_xor.accumulate(turned)] *= -1.0  # the same turn, but the short way to it
 
