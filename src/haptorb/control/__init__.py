@@ -1,1 +1,1 @@
-"""From a wanted wrench to currents that may be applied."""
+"""Control: allocation of a wrench to coil currents, haptic linkage, and protection of device and user."""

@@ -1,4 +1,4 @@
-"""From the wrench a world asks for to the currents that give it: what every allocator answers."""
+"""Wrench allocation: coil currents for the wrench that a world commands, with residual and active limit."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ __all__ = [
 
 
 class Saturation(IntEnum):
-    """Which limit holds a wrench back; the numbers stand in recordings and never change."""
+    """Limit that reduces the allocated wrench; the numbers are stored in recordings and never change."""
 
     NONE = 0
     CURRENT = 1  #: a coil's current limit
     POWER = 2  #: the supply's power limit
-    ALONG = 3  #: the guard's limit of the accompanying force or torque
-    AXIS = 4  #: no current turns a tool about its magnet's own axis
-    COILS = 5  #: too few coils for force and torque at once: a compromise
+    ALONG = 3  #: the guard's limit on the accompanying force or torque
+    AXIS = 4  #: no current produces a torque about the magnet's own axis of a tool
+    COILS = 5  #: too few coils for force and torque at once: weighted compromise
 
     @property
     def text(self) -> str:
-        """What holds it back, in words; empty for none.
+        """Description of the active limit; empty for none.
 
         >>> Saturation.POWER.text
         "the supply's power limit"
@@ -74,7 +74,7 @@ class Saturation(IntEnum):
 
     @property
     def is_limit(self) -> bool:
-        """Whether more of the same would be given if a limit were higher.
+        """Whether a higher limit would give a larger wrench in the same direction.
 
         >>> Saturation.CURRENT.is_limit, Saturation.COILS.is_limit
         (True, False)
@@ -90,13 +90,13 @@ _TEXTS = (
     "the magnet's own axis, about which there is no torque",
     "the number of coils, too few for force and torque together",
 )
-SATURATIONS = tuple(Saturation)  #: by number: many times faster than a call of the class
-_FLOAT = np.dtype(np.float64)  #: to name the type takes longer than to see that an array has it
+SATURATIONS = tuple(Saturation)  #: indexed by number: much faster than calling the class
+_FLOAT = np.dtype(np.float64)  #: comparing with a stored dtype is faster than constructing it
 
 
 @record
 class Allocation:
-    """Currents, and an honest account of what they do not give.
+    """Allocated currents, with the residual wrench and the limit that caused it.
 
     currents   (m,) [A]
     residual   (6,) wrench asked for less wrench given [N, N·m]; the passive wrench counts as given
@@ -111,7 +111,7 @@ class Allocation:
 
 
 class Allocator(ABC):
-    """Chooses currents for a wrench. One final class per way of choosing; none remembers anything."""
+    """Computes currents for a wrench. One final class per method; allocators are stateless."""
 
     @abstractmethod
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
@@ -136,7 +136,7 @@ def check_limit(value: ArrayLike) -> Array:
 
 
 def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Array:
-    """(m,) resistances [Ω] for the heat Σ R i², all alike where None are given, and a `power` [W] that can limit it.
+    """(m,) resistances [Ω] for the heat Σ R i², all equal where None are given, checked with the `power` limit [W].
 
     Raises InputError for another shape, for what is not positive, and for a power without resistances.
     """
@@ -155,7 +155,7 @@ def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Ar
 
 
 def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tuple[Array, Array, Array]:
-    """Matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays of the right shape.
+    """Matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays, checked for shape.
 
     Finiteness is left to the kernels, which look at every number anyway.
 
@@ -188,7 +188,7 @@ def solve_problem(
     wrench_map: WrenchMap,
     wrench: ArrayLike,
 ) -> Allocation:
-    """The allocation that the kernel `solve` finds with `settings`, current limits (m,) [A] and resistances (m,) [Ω].
+    """Run the kernel `solve` with `settings`, current limits (m,) [A] and resistances (m,) [Ω]; return its allocation.
 
     `solve` fills currents (m,) [A] and residual (6,) [N, N·m]; it returns the scale, NaN for what is not finite, and
     the number of the saturation.
@@ -204,10 +204,10 @@ def solve_problem(
 
 
 # --------------------------------------------------------------------------------------------------
-# A supply has a power limit: currents that would take more are scaled by one factor, which keeps their direction.
+# Power limit of the supply: all currents are scaled by one common factor, which preserves their direction.
 
 
-_HAIR = 1.0 - 1e-12  #: the sum of rounded squares stays below the limit too
+_HAIR = 1.0 - 1e-12  #: margin: the rounded sum of squares also stays below the limit
 
 
 @kernel
@@ -230,24 +230,24 @@ def hold_power(currents: Array, resistance: Array, power: float) -> float:
 # --------------------------------------------------------------------------------------------------
 # Least-squares allocation: force, torque or a weighted blend, for any number of channels and any tool orientation.
 #
-# The wrench is linear in the currents, w = A i. A tool over three coils can be given any force, or any torque but the
-# one about its own axis (rank 2), or a compromise; a motor with many channels can give its torque in many ways. One
-# solver serves all: minimise ‖W (A i − w)‖², and where many currents do so, take the smallest. Zárate 2020's radial
+# The wrench is linear in the currents, w = A i. A tool over three coils can be given any force, or any torque except
+# the one about its own axis (rank 2), or a compromise; a motor with many channels has redundant solutions. One
+# solver covers all: minimise ‖W (A i − w)‖², and among the minimisers take the smallest currents. Zárate 2020's radial
 # case is the special case of force weights at a radial tool.
 #
-# Above a channel's limit, or the supply's power, all currents are scaled by one factor: the direction of the wrench
-# is kept, its magnitude is cut and the cut is reported.
+# Beyond a channel's current limit, or the supply's power, all currents are scaled by one factor: the direction of the
+# wrench is preserved, its magnitude is reduced and the residual is reported.
 
 
 _LEAST_SQUARES_CURRENT, _LEAST_SQUARES_POWER = int(Saturation.CURRENT), int(Saturation.POWER)
 FORCE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 TORQUE = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
-#: What an allocator goes by.
+#: Settings of the least-squares allocator.
 _LEAST_SQUARES_SETTINGS = fields(
-    ("weights", "f8", (6,)),  # of the components of the wrench
-    ("truncation", "f8"),  # relative singular value
-    ("damping", "f8"),  # relative to the greatest singular value
+    ("weights", "f8", (6,)),  # per component of the wrench
+    ("truncation", "f8"),  # threshold on relative singular values
+    ("damping", "f8"),  # relative to the largest singular value
     ("compensated", "f8"),  # share of the wrench at zero current that is subtracted
     ("power", "f8"),  # of the supply [W]
 )
@@ -255,7 +255,7 @@ _LEAST_SQUARES_SETTINGS = fields(
 
 @kernel
 def _orthogonal(columns: Array, turned: Array) -> None:
-    """Turn the columns of `columns` (r, k) until they are orthogonal: one-sided Jacobi, the exact small SVD.
+    """Orthogonalise the columns of `columns` (r, k): one-sided Jacobi, an exact SVD for small matrices.
 
     turned (k, k) collects the rotations V, so that columns_before @ V = columns_after = U Σ.
     """
@@ -263,7 +263,7 @@ def _orthogonal(columns: Array, turned: Array) -> None:
     for i in range(k):
         for j in range(k):
             turned[i, j] = 1.0 if i == j else 0.0
-    nothing = 0.0  # below this squared length a column is rounding: turning it further would never end
+    nothing = 0.0  # squared length below which a column is rounding error: rotating it further would not terminate
     for r in range(rows):
         for j in range(k):
             nothing += columns[r, j] * columns[r, j]
@@ -353,7 +353,7 @@ def least_squares_currents(
     extra = damping * damping * greatest
     for c in range(k):
         if square[c] <= floor:
-            continue  # a direction that cannot be reached: no current is spent on it
+            continue  # unreachable direction: no current is spent on it
         share = 0.0
         for i in range(6):
             share += (columns[i, c] if tall else turned[i, c]) * weights[i] * target[i]
@@ -367,7 +367,7 @@ def least_squares_currents(
             scale = min(scale, limit[j] / abs(currents[j]))
     if scale < 1.0:
         for j in range(m):
-            # the product may land one rounding above the limit; the limit is a promise
+            # the product may exceed the limit by one rounding; the limit is strict
             currents[j] = min(max(currents[j] * scale, -limit[j]), limit[j])
     return scale
 
@@ -398,7 +398,7 @@ def _least_squares_allocate(
 
 
 class LeastSquaresAllocator(Allocator):
-    """Weighted least squares, smallest currents where there is a choice, limits by one common factor.
+    """Weighted least squares with minimum-norm currents and limits by one common factor.
 
     current_limit        (m,) greatest magnitude per channel [A]
     weights              (6,) what a newton or a newton metre is worth, per component of the wrench
@@ -449,17 +449,17 @@ class LeastSquaresAllocator(Allocator):
         cls, current_limit: ArrayLike, *, compensate_passive: bool = False, resistance: ArrayLike | None = None,
         power: float = np.inf,
     ) -> LeastSquaresAllocator:  # fmt: skip
-        """Force only: the accompanying torque is in the residual."""
+        """Force only: the accompanying torque is reported in the residual."""
         return cls(current_limit, FORCE, compensate_passive=compensate_passive, resistance=resistance, power=power)
 
     @classmethod
     def torque(cls, current_limit: ArrayLike, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
-        """Torque only: over a single magnet rank 2, see `unreachable`."""
+        """Torque only: rank 2 over a single magnet, see `unreachable`."""
         return cls(current_limit, TORQUE, compensate_passive=compensate_passive)
 
     @classmethod
     def both(cls, current_limit: ArrayLike, arm: float, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
-        """Force and torque together; 1 N counts as much as `arm` [m] × 1 N of torque.
+        """Force and torque together; 1 N is weighted like `arm` [m] × 1 N of torque.
 
         Raises InputError for an arm that is no length.
         """
@@ -475,7 +475,7 @@ class LeastSquaresAllocator(Allocator):
 
 
 # --------------------------------------------------------------------------------------------------
-# The currents that give a torque with the least heat: Bai 2012 eq. (4), and the same within every channel's limit.
+# Minimum-power allocation of a torque: Bai 2012 eq. (4), and the same within every channel's limit.
 
 
 _MINIMUM_POWER_CURRENT, _MINIMUM_POWER_POWER = int(Saturation.CURRENT), int(Saturation.POWER)
@@ -541,7 +541,7 @@ def _minimum_power_allocate(
 
 
 class MinimumPowerAllocator(Allocator):
-    """Torque with the least heat, every current within its limit; force rows are carried by the bearing.
+    """Minimum-power allocation of a torque, each current within its limit; the bearing carries the force rows.
 
     current_limit        (m,) greatest magnitude per channel [A]; 0 turns a channel off
     infeasible           what becomes of a torque beyond the limits: "scale" keeps its direction, "least-squares" gives
@@ -592,22 +592,22 @@ class MinimumPowerAllocator(Allocator):
 
 
 # --------------------------------------------------------------------------------------------------
-# Limits on the whole wrench that currents give: the supply's power, and force and torque on the mover.
+# Limits on the total wrench: the supply's power, and force and torque on the mover.
 
 
 _WRENCH_LIMITS_POWER, _ALONG = int(Saturation.POWER), int(Saturation.ALONG)
-_MISSING = 0.02  #: share of what was asked that may be missing without a word
-_MIN_FADED = (1e-3, 1e-5)  #: force [N] and torque [N·m] that may
+_MISSING = 0.02  #: share of the commanded wrench that may be missing without being reported
+_MIN_FADED = (1e-3, 1e-5)  #: force [N] and torque [N·m] below which a missing part is never reported
 
 WRENCH_LIMITS = fields(
     ("power", "f8"),  # of the supply [W]
-    ("force", "f8"),  # greatest on the mover [N]
-    ("torque", "f8"),  # greatest on the mover [N·m]
+    ("force", "f8"),  # limit on the mover [N]
+    ("torque", "f8"),  # limit on the mover [N·m]
 )
 
 
 def check_greatest(greatest: tuple[float, float]) -> tuple[float, float]:
-    """`greatest` force [N] and torque [N·m], or InputError if one is not above 0."""
+    """Check that the limits of force [N] and torque [N·m] in `greatest` are positive, or raise InputError."""
     if not (greatest[0] > 0.0 and greatest[1] > 0.0):
         raise InputError(f"the greatest force [N] and torque [N·m] must be above 0; got {greatest!r}")
     return greatest
@@ -615,7 +615,7 @@ def check_greatest(greatest: tuple[float, float]) -> tuple[float, float]:
 
 @kernel
 def subtract_passive(matrix: Array, passive: Array, wrench: Array, target: Array) -> bool:
-    """Fill target (6,) with what currents must give of `wrench` (6,); whether it and `matrix` (6, m) are finite."""
+    """Fill target (6,) with the active part of `wrench` (6,); return whether it and `matrix` (6, m) are finite."""
     total = 0.0
     for i in range(6):
         target[i] = wrench[i] - passive[i]
@@ -627,8 +627,8 @@ def subtract_passive(matrix: Array, passive: Array, wrench: Array, target: Array
 
 @kernel
 def _share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
-    """The greatest share of `active` (6,), at most 1, that keeps three of its components with `passive` within
-    `greatest`; 0 where the passive wrench alone is beyond it."""
+    """Largest factor on `active` (6,), at most 1, for which three of its components plus `passive` stay within
+    `greatest`; 0 where the passive wrench alone exceeds it."""
     a, b, c = 0.0, 0.0, -greatest * greatest
     for i in range(first, first + 3):
         a += active[i] * active[i]
@@ -646,7 +646,7 @@ def hold_limits(
     matrix: Array, passive: Array, target: Array, resistance: Array, limits: Record, currents: Array, residual: Array,
     scale: float, reason: int,
 ) -> tuple[float, int]:  # fmt: skip
-    """Scale currents (m,) [A] into `limits`, a WRENCH_LIMITS; fill residual (6,) with what they lack of target (6,).
+    """Scale currents (m,) [A] to meet `limits`, a WRENCH_LIMITS; fill residual (6,): target (6,) minus result.
 
     Returns `scale` and `reason`, of what was decided before, after that.
     """
@@ -672,7 +672,7 @@ def hold_limits(
 
 @kernel
 def is_missing(residual: Array, wrench: Array, part: int) -> bool:
-    """Whether more of the force (part 0) or torque (1) of `wrench` (6,) is in residual (6,) than may be."""
+    """Whether residual (6,) has more of the force (part 0) or torque (1) of `wrench` (6,) than is tolerated."""
     missing, asked = 0.0, 0.0
     for i in range(3 * part, 3 * part + 3):
         missing += residual[i] * residual[i]
@@ -681,13 +681,13 @@ def is_missing(residual: Array, wrench: Array, part: int) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# Torque on a tool, or force and torque at once: what the coils can give of a whole wrench, and what holds it back.
+# Allocation of torque on a tool, or of force and torque at once, with the limit that reduces it.
 #
-# A magnet over three coils can be turned about any axis but its own, and a torque brings a force along: at contact
-# about 54 N for every newton metre. Force and torque at once are six numbers from three currents, hence a compromise:
+# A magnet over three coils can be turned about any axis but its own, and a torque is accompanied by a force: at contact
+# about 54 N per newton metre. Force and torque at once are six components from three currents, hence a compromise:
 # weighted least squares within the limits.
 #
-# 1 N weighs as much as `TORQUE_ARM` × 1 N of torque. It is the ratio of just noticeable differences in fingers: 12.7 %
+# 1 N is weighted like `TORQUE_ARM` × 1 N of torque, the ratio of just noticeable differences in fingers: 12.7 %
 # of 60 mN·m (Jandura and Srinivasan 1994) is as hard to notice as 7 % of 2.5 N (Pang, Tan and Durlach 1991, their
 # smallest force).
 
@@ -700,14 +700,14 @@ _TURNED = np.array((0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
 _TRUNCATION = 1e-6
 
 _WHOLE_WRENCH_SETTINGS = fields(
-    ("together", "?"),  # force and torque, not torque alone
+    ("together", "?"),  # force and torque, not torque only
     ("arm", "f8"),  # [m]
     ("limits", WRENCH_LIMITS),
 )
 
 
 def check_arm(arm: float) -> float:
-    """`arm` itself, or InputError if it is no length of 1 mm to 10 m.
+    """Check that `arm` [m] is a length of 1 mm to 10 m, or raise InputError.
 
     >>> check_arm(0.05)
     0.05
@@ -722,7 +722,7 @@ def _whole_wrench_allocate(
     settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
     residual: Array,
 ) -> tuple[float, int]:  # fmt: skip
-    """Currents (m,) [A] and residual (6,) for `wrench` (6,); the scale, NaN for what is not finite, and the reason."""
+    """Currents (m,) [A] and residual (6,) for `wrench` (6,); returns scale (NaN for non-finite input) and limit."""
     s = settings[0]
     m = limit.shape[0]
     target = np.empty(6)
@@ -751,7 +751,7 @@ def _whole_wrench_allocate(
 
 
 class WholeWrenchAllocator(Allocator):
-    """Torque (`together` False) or force and torque; the passive wrench counts as given, limits are kept.
+    """Torque (`together` False) or force and torque within limits; the passive wrench counts as delivered.
 
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
@@ -798,7 +798,7 @@ class WholeWrenchAllocator(Allocator):
 
 
 # --------------------------------------------------------------------------------------------------
-# Which part of a world's wrench a device renders: what a person chose, or what the world asks; with its allocator.
+# Selection of the rendered components of a world's wrench, with the allocator of each: by the user or by the world.
 
 
 PART_NUMBERS: Final[dict[WrenchPart, int]] = {part: number for number, part in enumerate(PARTS)}  #: in recordings
@@ -806,7 +806,7 @@ PART_NUMBERS: Final[dict[WrenchPart, int]] = {part: number for number, part in e
 
 @final
 class WrenchChoice:
-    """The allocators of a device that can render force, torque or both.
+    """Allocators of a device that can render force, torque or both.
 
     allocators   one for each part
     arm          at which a hand holds the tool against turning [m]
@@ -823,24 +823,24 @@ class WrenchChoice:
         self.weight = weight
 
     def choose_part(self, world: World) -> WrenchPart:
-        """The part of `world` to begin with: force for one that does not say what it asks."""
+        """Initial part for `world`: force for one that does not define it."""
         return self.fixed or world.asks or "force"
 
     def is_open(self, world: World) -> bool:
-        """Whether the part is to follow from the wrenches of `world`."""
+        """Whether the part is to be derived from the wrenches of `world`."""
         return self.fixed is None and world.asks is None
 
 
 # --------------------------------------------------------------------------------------------------
-# The allocators that the kinds of devices name: made from a device's own limits.
+# Allocators of the kinds of devices, built from a device's own limits.
 #
-# The supply's power is reckoned with windings at the stop temperature, the warmest that may carry a current: cooler
-# ones take less. It is the power that the coils turn into heat; what builds up their field, watts for milliseconds,
-# comes from the supply's capacitors.
+# The supply's power limit is evaluated with windings at the stop temperature, the warmest that may carry current:
+# cooler ones take less. It is the ohmic power in the coils; the power that builds up their field, watts for
+# milliseconds, comes from the supply's capacitors.
 
 
 def force_allocator(device: Device) -> Allocator:
-    """Least squares for the force; the passive wrench that the model knows is taken out ("published": none).
+    """Least squares for the force; the modelled passive wrench is compensated ("published": none).
 
     >>> from haptorb.devices.loader import load
     >>> type(force_allocator(load("omni"))).__name__
@@ -866,7 +866,7 @@ def arm_allocator(device: Arm) -> Allocator:
 
 
 def torque_allocator(device: Device) -> Allocator:
-    """Least heat for the torque, the passive torque taken out.
+    """Minimum-power torque, with the passive torque compensated.
 
     >>> from haptorb.devices.loader import load
     >>> type(torque_allocator(load("pmsm"))).__name__
@@ -881,7 +881,7 @@ def torque_allocator(device: Device) -> Allocator:
 def tool_choice(
     device: SphericalElectromagnet, part: WrenchPart | None = None, arm: float | None = None
 ) -> WrenchChoice:
-    """Force, torque and both on a tool over a dome; `part` fixes one of them, `arm` [m] is the weight of a torque.
+    """Force, torque and both on a tool over a dome; `part` fixes one of them, `arm` [m] weights torque against force.
 
     Raises InputError for an arm that is no length.
 
@@ -898,17 +898,17 @@ def tool_choice(
         )
         for together in (False, True)
     )  # fmt: skip
-    hand = device.hand  # its damping against turning is that against moving, at this arm
+    hand = device.hand  # its rotational damping is the translational one at this arm
     held_at = (hand.turn_damping / hand.damping) ** 0.5 if hand.damping > 0.0 else 0.0
     return WrenchChoice({"force": force_allocator(device), "torque": torque, "both": both}, held_at, part, weight)
 
 
 # --------------------------------------------------------------------------------------------------
-# What a person should know of the part of the wrench that a tool over a dome renders, with its figures.
+# Notes for the user on the wrench components that a tool over a dome can render, with figures.
 
 
 def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[str, ...]:
-    """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say.
+    """One or two sentences for each of `PARTS`, indexed by its number in recordings; empty where none is needed.
 
     The figures are those of two point dipoles at contact, T = µ0 m_e m_p/(4π d³) and F = 3T/d: they are said at the
     start, where nothing may wait for tables or compiled code.

@@ -1,4 +1,4 @@
-"""Force, torque or both on a mover over any number of coils, with the least heat within limits."""
+"""Minimum-power allocation of force, torque or both on a mover over any number of coils, within limits."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ _CURRENT = int(Saturation.CURRENT)
 _COILS, _AXIS = int(Saturation.COILS), int(Saturation.AXIS)
 
 _SETTINGS = fields(
-    ("weights", "f8", (6,)),  # of the wrench's components; 0: left free
-    ("force_only", "?"),  # the force keeps its direction beyond the limits
+    ("weights", "f8", (6,)),  # per component of the wrench; 0: unconstrained
+    ("force_only", "?"),  # beyond the limits the force keeps its direction
     ("limits", WRENCH_LIMITS),
 )
 
@@ -48,7 +48,7 @@ def _allocate(
     settings: Records, matrix: Array, passive: Array, wrench: Array, limit: Array, resistance: Array, currents: Array,
     residual: Array,
 ) -> tuple[float, int]:  # fmt: skip
-    """Currents (m,) [A] and residual (6,) for `wrench` (6,); the scale, NaN for what is not finite, and the reason."""
+    """Currents (m,) [A] and residual (6,) for `wrench` (6,); returns scale (NaN for non-finite input) and limit."""
     s = settings[0]
     m = limit.shape[0]
     target = np.empty(6)
@@ -75,7 +75,7 @@ def _allocate(
 
 @final
 class ArrayAllocator(Allocator):
-    """One part of a wrench ("force", "torque" or "both") by currents of least heat; the passive wrench counts as given.
+    """Minimum-power allocation of one part of a wrench ("force", "torque" or "both"); the passive wrench is included.
 
     current_limit   (m,) greatest magnitude per channel [A]
     resistance      (m,) of the channels as warm as they may be [Ω]
@@ -117,11 +117,11 @@ class ArrayAllocator(Allocator):
 
 
 # --------------------------------------------------------------------------------------------------
-# The allocators of coil arrays, and what a person should know of the part of the wrench that they render.
+# Allocators of coil arrays, and notes for the user on the components that they can render.
 
 
 def array_allocator(device: CoilArray) -> ArrayAllocator:
-    """Least heat for the force; the accompanying torque stays within the device's limit.
+    """Minimum-power force; the accompanying torque stays within the device's limit.
 
     >>> from haptorb.devices.loader import load
     >>> array_allocator(load("tetrahedron")).part
@@ -131,7 +131,7 @@ def array_allocator(device: CoilArray) -> ArrayAllocator:
 
 
 def array_choice(device: CoilArray, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice:
-    """Force, torque and both; `part` fixes one of them, `arm` [m] is the weight of a torque.
+    """Force, torque and both; `part` fixes one of them, `arm` [m] weights torque against force.
 
     Raises InputError for an arm that is no length.
 
@@ -140,13 +140,13 @@ def array_choice(device: CoilArray, part: WrenchPart | None = None, arm: float |
     ['both', 'force', 'torque']
     """
     weight = TORQUE_ARM if arm is None else arm
-    hand = device.hand  # its damping against turning is that against moving, at this arm
+    hand = device.hand  # its rotational damping is the translational one at this arm
     held_at = (hand.turn_damping / hand.damping) ** 0.5 if hand.damping > 0.0 else 0.0
     return WrenchChoice({one: _make(device, one, weight) for one in PARTS}, held_at, part, weight)
 
 
 def array_remarks(device: CoilArray, choice: WrenchChoice) -> tuple[str, ...]:
-    """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say.
+    """One or two sentences for each of `PARTS`, indexed by its number in recordings; empty where none is needed.
 
     >>> from haptorb.devices.loader import load
     >>> planar = load("planar")

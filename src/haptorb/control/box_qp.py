@@ -1,4 +1,4 @@
-"""The shortest vector within a box that solves three equations: semismooth Newton on the dual, in compiled code.
+"""Minimum-norm solution of three linear equations within a box: semismooth Newton on the dual, in compiled code.
 
 The dual function Σ φ_j(Q_jᵀν) − tᵀν (φ_j: Huber's function) is convex and piecewise quadratic, with three unknowns
 for any number of channels. Its minimum is found by Newton steps with an exact line search; without the exact
@@ -34,21 +34,21 @@ __all__ = [
 ]
 
 
-GIVEN = 0  #: the torque is given in full
-SCALED = 1  #: beyond the limits: cut, direction kept
-NEAREST = 2  #: beyond the limits: the nearest torque there is
-NOT_FINITE = 3  #: NaN or infinity came in; the currents are NaN
-NOT_CONVERGED = 4  #: within the search only: it failed, as limits many decades apart can make it
+GIVEN = 0  #: the torque is delivered in full
+SCALED = 1  #: beyond the limits: scaled, direction preserved
+NEAREST = 2  #: beyond the limits: the nearest feasible torque
+NOT_FINITE = 3  #: NaN or infinity in the input; the currents are NaN
+NOT_CONVERGED = 4  #: internal to the search: not converged, e.g. with limits many decades apart
 
 _DUAL_NEWTON_STEPS = 60
 _DUAL_NEWTON_TOLERANCE = 1e-11
-_DUAL_NEWTON_TRACE = 1e-12  # curvature lent to directions that have none
-_DEPENDENT = 1e-10  # relative length below which a row of K is a combination of the others
+_DUAL_NEWTON_TRACE = 1e-12  # curvature added to directions that have none
+_DEPENDENT_ROW_TOLERANCE = 1e-10  # relative norm below which a row of K is linearly dependent on the others
 
 
 @kernel
 def orthonormal_rows(Q: Array, t: Array) -> int:
-    """Make the rows of Q (3, m) orthonormal in place and turn t (3,) with them: the same equations Q y = t.
+    """Orthonormalise the rows of Q (3, m) in place and transform t (3,) likewise: the same equations Q y = t.
 
     Pivoted Gram–Schmidt, done twice. Returns the rank r; rows from r on are zero, t there is what no current can give.
     """
@@ -72,13 +72,13 @@ def orthonormal_rows(Q: Array, t: Array) -> int:
             for j in range(m):
                 Q[c, j], Q[best, j] = Q[best, j], Q[c, j]
             t[c], t[best] = t[best], t[c]
-        if longest <= _DEPENDENT * _DEPENDENT * whole or longest == 0.0:
+        if longest <= _DEPENDENT_ROW_TOLERANCE * _DEPENDENT_ROW_TOLERANCE * whole or longest == 0.0:
             for i in range(c, 3):
                 for j in range(m):
                     Q[i, j] = 0.0
             break
         rank = c + 1
-        for p in range(c):  # once more: what rounding left of the earlier rows
+        for p in range(c):  # re-orthogonalise against rounding errors
             d = 0.0
             for j in range(m):
                 d += Q[p, j] * Q[c, j]
@@ -104,7 +104,7 @@ def orthonormal_rows(Q: Array, t: Array) -> int:
 
 @kernel
 def _slope(s: Array, along: Array, limit: Array, step: float) -> tuple[float, float]:
-    """First and second derivative of Σ φ_j along a line, `step` from where K_jᵀμ = s_j."""
+    """First and second derivative of Σ φ_j along a line, at `step` from the point where K_jᵀμ = s_j."""
     first, second = 0.0, 0.0
     for j in range(s.shape[0]):
         at = s[j] + step * along[j]
@@ -120,7 +120,7 @@ def _slope(s: Array, along: Array, limit: Array, step: float) -> tuple[float, fl
 
 @kernel
 def _next_kink(s: Array, along: Array, limit: Array, step: float) -> float:
-    """The next step beyond `step` at which a channel enters or leaves its limit; infinity if there is none."""
+    """Next step beyond `step` at which a channel enters or leaves its limit; infinity if there is none."""
     nearest = np.inf
     for j in range(s.shape[0]):
         if along[j] != 0.0:
@@ -133,7 +133,7 @@ def _next_kink(s: Array, along: Array, limit: Array, step: float) -> float:
 
 @kernel
 def line_search(s: Array, along: Array, limit: Array, linear: float) -> float:
-    """The step at which the dual function is least along a line: the zero of an increasing, piecewise linear slope.
+    """Step that minimises the dual function along a line: the zero of an increasing, piecewise linear slope.
 
     The slope is Σ φ_j' + linear. Returns infinity if it never becomes positive.
     """
@@ -174,13 +174,13 @@ def line_search(s: Array, along: Array, limit: Array, linear: float) -> float:
 
 @kernel
 def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
-    """Least ‖y‖² with Q y = t, |y_j| ≤ limit_j. Returns GIVEN, SCALED if there is none, or NOT_CONVERGED."""
+    """Minimise ‖y‖² with Q y = t, |y_j| ≤ limit_j. Returns GIVEN, SCALED if infeasible, or NOT_CONVERGED."""
     m = Q.shape[1]
     s = np.empty(m)
     along = np.empty(m)
     size = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
     wanted = _DUAL_NEWTON_TOLERANCE * size
-    n0, n1, n2 = t[0], t[1], t[2]  # right at once if no current meets its limit
+    n0, n1, n2 = t[0], t[1], t[2]  # already optimal if no current meets its limit
     for _ in range(_DUAL_NEWTON_STEPS):
         g0, g1, g2 = -t[0], -t[1], -t[2]
         a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # the Hessian: a b c / b d e / c e f
@@ -209,13 +209,13 @@ def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
             return GIVEN
         asked = t[0] * n0 + t[1] * n1 + t[2] * n2
         if reach < asked:
-            return SCALED  # no torque within the limits reaches so far along ν: the proof that T is beyond them
-        # Where channels at their limits leave a direction without curvature, a trace of it makes the step follow the
-        # gradient there; the line search finds the length.
+            return SCALED  # no feasible torque reaches that far along ν: certificate that T is infeasible
+        # Where channels at their limits leave a direction without curvature, a small regularisation makes the step
+        # follow the gradient there; the line search finds the length.
         a += _DUAL_NEWTON_TRACE
         d += _DUAL_NEWTON_TRACE
         f += _DUAL_NEWTON_TRACE
-        # Cholesky of the 3×3 Hessian, with a floor under the pivots
+        # Cholesky of the 3×3 Hessian, with a lower bound on the pivots
         l00 = np.sqrt(a)
         l10 = b / l00
         l20 = c / l00
@@ -240,10 +240,10 @@ def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# How far a zonotope goes along a direction, for many generators: a portal that closes in on the ray.
+# Extent of a zonotope along a direction, for many generators: portal refinement along the ray.
 #
-# `zonotope.reach` otherwise tries all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels. Here a
-# triangle of points of the zonotope that the ray passes is replaced step by step by one further out, each found by the
+# `zonotope.reach` otherwise tests all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels. Here a
+# triangle of points of the zonotope that the ray passes is replaced iteratively by one further out, each found by the
 # support function in m operations (Minkowski portal refinement: Snethen, Game Programming Gems 7, 2008, section 2.5).
 
 
@@ -260,7 +260,7 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 @kernel
 def _support(Q: Array, box: Array, n: Array, out: Array) -> None:
-    """The point of the zonotope that lies furthest along n."""
+    """Support point of the zonotope along n."""
     out[:] = 0.0
     for j in range(Q.shape[1]):
         along = Q[0, j] * n[0] + Q[1, j] * n[1] + Q[2, j] * n[2]
@@ -276,7 +276,7 @@ def _dot(a: Array, b: Array) -> float:
 
 @kernel
 def _side(a: Array, b: Array, d: Array) -> float:
-    """Positive where the ray along d passes the plane through a and b on its left."""
+    """Positive where the ray along d passes to the left of the plane through a and b."""
     return float(
         (a[1] * b[2] - a[2] * b[1]) * d[0] + (a[2] * b[0] - a[0] * b[2]) * d[1] + (a[0] * b[1] - a[1] * b[0]) * d[2]
     )
@@ -284,7 +284,7 @@ def _side(a: Array, b: Array, d: Array) -> float:
 
 @kernel
 def find_reach(Q: Array, d: Array, box: Array) -> float:
-    """Greatest s with s d = Q y for some |y_j| ≤ box_j, from below to 1e-9; NaN where the search does not close.
+    """Largest s with s d = Q y for some |y_j| ≤ box_j, from below to 1e-9; NaN where the search does not converge.
 
     Q (3, m) of rank 3, d (3,), box (m,).
     """
@@ -338,19 +338,19 @@ def find_reach(Q: Array, d: Array, box: Array) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# The torques that currents within their limits can give: a zonotope, its surface along a direction, its nearest point.
+# Zonotope of the torques that currents within their limits can give: its surface along a direction, its nearest point.
 #
-# A torque's direction meets the surface on a facet that two channels span: all pairs are looked at, no iteration; of
-# many channels a search finds it, see `portal`. The nearest torque on the surface is found by Wolfe's method: the
-# nearest point of a polytope, from the vertices that lie furthest its way.
+# A torque's direction meets the surface on a facet spanned by two channels: all pairs are tested, without iteration;
+# for many channels a search finds it, see `portal`. The nearest torque on the surface is found by Wolfe's method: the
+# nearest point of a polytope, from its support points.
 
 
-_MAX_PAIR_CHANNELS = 24  #: channels beyond which all pairs take longer than the search
+_MAX_PAIR_CHANNELS = 24  #: number of channels above which testing all pairs is slower than the search
 
 
 @kernel
 def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
-    """Greatest s with s t = Q y for some |y_j| ≤ limit_j: how far the zonotope of torques goes along t.
+    """Largest s with s t = Q y for some |y_j| ≤ limit_j: the extent of the zonotope of torques along t.
 
     The facets of a zonotope are spanned by pairs of its generators; the nearest supporting plane among them decides.
     """
@@ -390,7 +390,7 @@ def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
 
 @kernel
 def _vertex(Q: Array, limit: Array, n: Array, out: Array) -> None:
-    """The vertex of the zonotope that lies furthest along n."""
+    """Vertex of the zonotope that lies furthest along n."""
     out[:] = 0.0
     for j in range(Q.shape[1]):
         along = Q[0, j] * n[0] + Q[1, j] * n[1] + Q[2, j] * n[2]
@@ -401,7 +401,7 @@ def _vertex(Q: Array, limit: Array, n: Array, out: Array) -> None:
 
 @kernel
 def _affine_weights(corral: Array, count: int, weights: Array) -> bool:
-    """Weights (summing to one) of the point nearest to the origin in the plane through `count` corners; False if flat.
+    """Weights (sum 1) of the point of the affine hull of `count` corners nearest to the origin; False if degenerate.
 
     Solved by Gaussian elimination on the edges' Gram matrix, with pivoting.
     """
@@ -441,7 +441,7 @@ def _affine_weights(corral: Array, count: int, weights: Array) -> bool:
 def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
     """Move t (3,) to the nearest point of the zonotope of torques Q y, |y_j| ≤ limit_j: Wolfe 1976, up to 4 corners."""
     target = np.array((t[0], t[1], t[2]))
-    corral = np.zeros((5, 3))  # corners, seen from the target
+    corral = np.zeros((5, 3))  # corners, relative to the target
     weights = np.zeros(5)
     wanted = np.zeros(5)
     corner = np.empty(3)
@@ -484,7 +484,7 @@ def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
             if share == 1.0:
                 break
         if flat:
-            break  # the new corner lies in the plane of the old ones: they hold the nearest point already
+            break  # the new corner lies in the plane of the current ones: they already contain the nearest point
         x[:] = 0.0
         for a in range(count):
             x += weights[a] * corral[a]
@@ -493,24 +493,25 @@ def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Least heat for a torque when every current has a limit: a compiled solver for three torques and any channels.
+# Minimum-power torque with current limits: compiled solver for three torques and any number of channels.
 #
 #     minimise ½ Σ w_j i_j²   such that   K i = T,   |i_j| ≤ L_j
 #
 # has one multiplier μ per torque axis and currents i_j = clip(K_jᵀμ / w_j, ±L_j): `dual_newton` finds them. Beyond the
-# zonotope of torques within the limits there is no solution, and the dual function falls without end along some μ: that
-# is the proof. Then either the torque is cut to the zonotope's surface along its own direction, or the nearest torque
-# on the surface is taken.
+# zonotope of feasible torques there is no solution, and the dual function decreases without bound along some μ: the
+# certificate of infeasibility. Then either the torque is scaled to the zonotope's surface along its own direction, or
+# the nearest torque on the surface is taken.
 #
 # Without limits this is Bai 2012 eq. (4): u = Kᵀ (K Kᵀ)⁻¹ T.
 
 
-_UNTURNED = 1e-9  # relative part of a torque, about an axis that no channel turns, that is taken for rounding
+# relative torque about an axis that no channel drives, below which it is rounding error
+_UNDRIVEN_AXIS_TOLERANCE = 1e-9
 
 
 @kernel
 def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
-    """Where rounding hides the way, limits being many decades apart: the shortest y for t, scaled into the box.
+    """Fallback where rounding dominates, with limits many decades apart: the minimum-norm y for t, scaled into the box.
 
     Less than could be had, but in its direction and within every limit. Returns the share of t that y gives.
     """
@@ -528,7 +529,7 @@ def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
 def solve_bounded_power(
     K: Array, T: Array, limit: Array, resistance: Array, nearest: bool, currents: Array
 ) -> tuple[int, float]:
-    """Write the currents (m,) [A] for torque T (3,) [N·m] into `currents`; return what happened and the scale of T.
+    """Write the currents (m,) [A] for torque T (3,) [N·m] into `currents`; return the outcome and the scale of T.
 
     K (3, m) [N·m/A], limit (m,) [A], resistance (m,) in any unit (ratios matter). `nearest` chooses what becomes of
     a torque beyond the limits: the nearest one, else the torque's direction is kept. For use inside compiled code;
@@ -549,12 +550,12 @@ def solve_bounded_power(
             for i in range(3):
                 strongest = max(strongest, abs(K[i, j]) / np.sqrt(resistance[j]))
     if greatest < 1e-250:
-        return GIVEN, 1.0  # nothing asked, or so little that its square is zero
+        return GIVEN, 1.0  # zero torque, or so small that its square underflows
     if strongest * greatest < 1e-250:
         return (NEAREST, 1.0) if nearest else (SCALED, 0.0)
 
-    # y = √R i makes all channels alike: least ‖y‖². Columns without any current allowed take no part. Torque and
-    # characteristic are measured by their greatest entries, so that no square is lost to rounding.
+    # y = √R i normalises the channels: minimise ‖y‖². Columns with zero current limit are left out. Torque and
+    # characteristic are scaled by their largest entries, so that no square underflows.
     Q = np.empty((3, m))
     box = np.empty(m)
     root = np.empty(m)
@@ -577,7 +578,7 @@ def solve_bounded_power(
     status = SCALED
     scale = 1.0
     y = np.zeros(m)
-    if outside <= _UNTURNED * size:
+    if outside <= _UNDRIVEN_AXIS_TOLERANCE * size:
         status = dual_newton(Q, t, box, y)
         if status == NOT_CONVERGED and reach(Q, t, box, rank) < 1.0:
             status = SCALED
@@ -592,14 +593,14 @@ def solve_bounded_power(
         for i in range(rank, 3):
             t[i] = 0.0
     elif status == SCALED:
-        if outside > _UNTURNED * size:
-            return SCALED, 0.0  # part of it is about an axis that no channel turns: its direction cannot be kept
+        if outside > _UNDRIVEN_AXIS_TOLERANCE * size:
+            return SCALED, 0.0  # a component is about an axis that no channel drives: the direction cannot be preserved
         scale = min(reach(Q, t, box, rank), 1.0)
         for i in range(3):
             t[i] *= scale
     if status != GIVEN:
-        # On the surface itself the multipliers may be infinite; a hair inside they are not. A hair is nearly always
-        # enough; limits many decades apart may need more.
+        # On the surface itself the multipliers may be infinite; slightly inside they are finite. A tiny margin nearly
+        # always suffices; limits many decades apart may need more.
         hair = 1e-9
         while True:
             inside = np.array((t[0] * (1.0 - hair), t[1] * (1.0 - hair), t[2] * (1.0 - hair)))
@@ -613,34 +614,35 @@ def solve_bounded_power(
             scale *= 1.0 - hair
             status = SCALED
     for j in range(m):
-        # the division may land one rounding above the limit; the limit is a promise
+        # the division may exceed the limit by one rounding; the limit is strict
         currents[j] = min(max(y[j] * unit / root[j], -limit[j]), limit[j])
     return status, scale
 
 
 # --------------------------------------------------------------------------------------------------
-# Weighted least squares within limits: the compromise nearest to a wrench that few coils cannot give whole.
+# Box-constrained weighted least squares: the nearest wrench where too few coils cannot give it in full.
 #
 #     minimise ½ ‖W (A i − w)‖²   such that   |i_j| ≤ L_j,   Σ R_j i_j² ≤ P
 #
-# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns. Coordinate descent, each current in turn moved to
-# its best value within its limit, ends at its only minimum (H is regular; a trace of heat makes it so elsewhere). Where
-# the supply's power holds, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant: the power falls as
-# λ rises.
+# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns. Coordinate descent, which moves each current in
+# turn to its optimum within its limit, converges to the only minimum (H is regular; a small heat term regularises it
+# elsewhere). Where the power limit is active, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant:
+# the power falls as λ rises.
 
 
-FREE, AT_CURRENT, AT_POWER = 0, 1, 2  #: which limit the answer stands at
+FREE, AT_CURRENT, AT_POWER = 0, 1, 2  #: active limit at the solution
 
 _SWEEPS = 2000
-_PRECISE = 1e-11  #: change of a current in a sweep, relative to the greatest current, at which it is found
-_BOUNDED_COMPROMISE_TRACE = 1e-12  #: heat's weight, relative to the greatest of H: decides where H does not
-_EXACT = 1e-9  #: relative, of the power
+_SWEEP_TOLERANCE = 1e-11  #: convergence: change of a current in a sweep, relative to the largest current
+#: relative to the largest entry of H: selects the solution where H is singular
+_BOUNDED_COMPROMISE_TRACE = 1e-12
+_POWER_TOLERANCE = 1e-9  #: relative tolerance of the power
 _ROUNDS = 60
 
 
 @kernel
 def _descend(H: Array, g: Array, limit: Array, resistance: Array, heat: float, currents: Array) -> float:
-    """Bring `currents` (m,) to the minimum of ½ iᵀ(H + heat R) i − gᵀi within ±limit; the power Σ R i² there [W]."""
+    """Bring `currents` (m,) to the minimum of ½ iᵀ(H + heat R) i − gᵀi within ±limit; returns the power Σ R i² [W]."""
     m = g.shape[0]
     for _ in range(_SWEEPS):
         moved, largest = 0.0, 0.0
@@ -655,7 +657,7 @@ def _descend(H: Array, g: Array, limit: Array, resistance: Array, heat: float, c
             moved = max(moved, abs(best - currents[j]))
             largest = max(largest, abs(best))
             currents[j] = best
-        if moved <= _PRECISE * largest:
+        if moved <= _SWEEP_TOLERANCE * largest:
             break
     power = 0.0
     for j in range(m):
@@ -665,7 +667,7 @@ def _descend(H: Array, g: Array, limit: Array, resistance: Array, heat: float, c
 
 @kernel
 def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power: float, currents: Array) -> int:
-    """Write the minimum into `currents` (m,) [A]; FREE, AT_CURRENT or AT_POWER.
+    """Write the minimum into `currents` (m,) [A]; return the active limit: FREE, AT_CURRENT or AT_POWER.
 
     H (m, m), g (m,), limit (m,) [A], resistance (m,) [Ω], power [W], inf for no limit. For use inside compiled code.
     """
@@ -679,7 +681,7 @@ def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power:
         return FREE
     trace = _BOUNDED_COMPROMISE_TRACE * greatest / hottest
     if _descend(H, g, limit, resistance, trace, currents) > power:
-        # 1/√(Σ R i²) is nearly a straight line of λ: a secant finds it, kept between bounds
+        # 1/√(Σ R i²) is nearly linear in λ: a secant finds it, kept within bounds
         low, high = trace, greatest / hottest
         while _descend(H, g, limit, resistance, high, currents) > power:
             low, high = high, 8.0 * high
@@ -691,11 +693,11 @@ def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power:
             if not low < middle < high:
                 break
             at = 1.0 / np.sqrt(_descend(H, g, limit, resistance, middle, currents)) - wanted
-            if abs(at) <= _EXACT * wanted:
+            if abs(at) <= _POWER_TOLERANCE * wanted:
                 break
             if at < 0.0:
                 low, below = middle, at
-                above *= 0.5  # Illinois: else one end would never move
+                above *= 0.5  # Illinois method: otherwise one end of the bracket would not move
             else:
                 high, above = middle, at
                 below *= 0.5
@@ -707,18 +709,18 @@ def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power:
 
 
 # --------------------------------------------------------------------------------------------------
-# A whole wrench from any number of coils with the least heat within their limits: six equations, some of them soft.
+# Minimum-power allocation of a whole wrench for any number of coils: six equations, some of them soft.
 #
 #     minimise ½ Σ R_j i_j² + (ρ/2) ‖W (A i − w)‖²   such that   |i_j| ≤ L_j
 #
 # With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν): the
-# dual function is convex, piecewise quadratic and strictly so by ν²/2ρ, for any rank of A. Newton steps with the exact
-# line search of `dual_newton` find its minimum. ρ is so large that a wrench that can be had is given to about 1e-6; in
-# a direction that takes more than a thousand times the current of the best one, such as the torque about a single
-# magnet's own axis, nothing is spent.
+# dual function is convex, piecewise quadratic and strictly convex through ν²/2ρ, for any rank of A. Newton steps with
+# the exact line search of `dual_newton` find its minimum. ρ is so large that a feasible wrench is met to about 1e-6;
+# no current is spent on a direction that takes more than a thousand times the current of the best one, such as the
+# torque about a single magnet's own axis.
 
 
-_RIGID = 1e6  #: ρ times the square of the greatest singular value of Q, about
+_RELATIVE_STIFFNESS = 1e6  #: ρ times the square of the largest singular value of Q, approximately
 _LEAST_HEAT_STEPS = 60
 _LEAST_HEAT_TOLERANCE = 1e-9
 _NO_LIMIT = 1e100
@@ -726,7 +728,7 @@ _NO_LIMIT = 1e100
 
 @kernel
 def _solve_positive(H: Array, g: Array) -> None:
-    """g (6,) becomes H⁻¹ g for a symmetric positive H (6, 6), which is overwritten: Cholesky."""
+    """Solve H x = g in place for a symmetric positive H (6, 6), which is overwritten; g (6,) becomes x: Cholesky."""
     for i in range(6):
         for j in range(i + 1):
             total = H[i, j]
@@ -747,7 +749,7 @@ def _solve_positive(H: Array, g: Array) -> None:
 def solve_least_heat(
     matrix: Array, target: Array, weights: Array, limit: Array, resistance: Array, currents: Array
 ) -> bool:
-    """Write the currents (m,) [A] for `target` (6,) into `currents`; whether the search converged.
+    """Write the currents (m,) [A] for `target` (6,) into `currents`; return whether the search converged.
 
     matrix (6, m) [N/A, N·m/A], weights (6,) of the components, 0: free; limit (m,) [A]; resistance (m,) [Ω]. For use in
     compiled code: all numbers finite.
@@ -769,7 +771,7 @@ def solve_least_heat(
         size = max(size, abs(t[i]))
     if most == 0.0 or size == 0.0:
         return True
-    slack = np.sqrt(most / _RIGID)
+    slack = np.sqrt(most / _RELATIVE_STIFFNESS)
     for i in range(6):
         Q[m + i, i], box[m + i] = slack, _NO_LIMIT
     converged = False
@@ -813,6 +815,6 @@ def solve_least_heat(
             nu[i] += length * step[i]
     for j in range(m):
         y = min(max(s[j], -box[j]), box[j])
-        # the division may land one rounding above the limit; the limit is a promise
+        # the division may exceed the limit by one rounding; the limit is strict
         currents[j] = min(max(y / np.sqrt(resistance[j]), -limit[j]), limit[j])
     return converged

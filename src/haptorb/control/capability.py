@@ -1,4 +1,4 @@
-"""What a spherical motor can do over its workspace: torque about each axis, condition, heat, and who carries it."""
+"""Capability of a device over its workspace: peak and continuous torque or force, condition number, heat."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["ArrayLayer", "ContactForces", "MotorCapability", "array_capability",
 
 @dataclass(frozen=True)
 class MotorCapability:
-    """Over a grid of tilts (ψ, λ), the worst spin φ each; axes are the stator's X, Y, Z.
+    """Capability over a grid of tilts (ψ, λ), at the worst spin φ each; axes are the stator's X, Y, Z.
 
     tilts        (t,) [rad] values of ψ and of λ
     spins        number of φ looked at per tilt
@@ -46,7 +46,7 @@ class MotorCapability:
 
 
 def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, model: str = "table") -> MotorCapability:
-    """The capability of `motor` over its workspace, at `model`. Raises DeviceError if it cannot turn everywhere."""
+    """Capability of `motor` over its workspace, with `model`. Raises DeviceError if it cannot turn everywhere."""
     if tilts < 2 or spins < 1:
         raise InputError(f"at least 2 tilts and 1 spin are needed; got {tilts} and {spins}")
     edge = np.linspace(-motor.workspace_tilt, motor.workspace_tilt, tilts)
@@ -58,7 +58,7 @@ def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, mod
     if not (values[:, 2] > 1e-6 * np.abs(single).max()).all():
         raise DeviceError(f"device '{motor.name}': cannot produce torque about every axis everywhere in the workspace")
     grid = (tilts, tilts, spins)
-    # what the supply cannot drive is no peak either
+    # the peak is limited by the supply's voltage too
     most = np.minimum(motor.coils.current_limit, motor.supply.voltage / motor.coils.resistance)
     lasting = np.minimum(motor.sustained_current, most)
     heat = np.stack([_heat(K, motor.coils.resistance, axis) for axis in range(3)], axis=1)  # (n, 3, m)
@@ -76,7 +76,7 @@ def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, mod
 
 
 def _heat(K: Array, resistance: Array, axis: int) -> Array:
-    """(n, m) heat of every channel [W] for 1 N·m about `axis`, by Bai 2012 eq. (4)."""
+    """(n, m) heat of every channel [W] per 1 N·m about `axis`, by Bai 2012 eq. (4)."""
     currents = minimum_power_currents(K / np.sqrt(resistance), np.eye(3)[axis])
     heat: Array = currents**2
     return heat
@@ -90,7 +90,7 @@ def _torques(K: Array, limit: Array) -> Array:
 
 @kernel
 def _greatest(K: Array, limit: Array, out: Array) -> None:
-    """out (n, 3): greatest torque about each axis with the other two zero, from the scale of one that is too great."""
+    """out (n, 3): peak torque about each axis with the other two zero, from the scale of an infeasible one."""
     m = K.shape[2]
     currents = np.empty(m)
     alike = np.ones(m)
@@ -106,33 +106,33 @@ def _greatest(K: Array, limit: Array, out: Array) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a coil array can do: force along the axes by height, in the middle and at the weakest place of the workspace.
+# Capability of a coil array: force along the axes by height, at the centre and at the weakest point of the workspace.
 
 
 _DIRECTIONS = np.vstack([np.eye(3), -np.eye(3)])
-_GIVEN = 1e-3  #: a force is given if it is so near to the one asked, in parts of that
-_FRACTIONS = np.array([0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85])  #: of the bound on a force, where the search begins
+_FORCE_TOLERANCE = 1e-3  #: relative error up to which a force counts as delivered
+_FRACTIONS = np.array([0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85])  #: of the bound on a force: starts of the search
 _HALVINGS = 14
-_PLACES = 5  #: along each side of a plate; or around the rim of a dome's workspace
+_POINTS_PER_SIDE = 5  #: grid points along each side of a plate; or around the rim of a dome's workspace
 
 
 @final
 @dataclass(frozen=True)
 class ArrayLayer:
-    """Forces on an upright, or over a dome radial, tool at one height above contact; a torque accompanies them."""
+    """Forces on an upright tool (radial over a dome) at one height above contact, with the accompanying torque."""
 
     height: float  #: above contact [m]
-    peak: Array  #: (3,) along x, y and z in the middle, the weaker sense of each [N]
+    peak: Array  #: (3,) along x, y and z at the centre, the weaker direction of each [N]
     lasting: Array  #: (3,) the same with continuous currents in all coils [N]
-    weakest: float  #: peak force in the worst of the six directions at the worst place [N]
-    passive: float  #: size of the force at zero current in the middle [N]
-    watts: float  #: heat for 1 N upwards in the middle, coils cold [W]
+    weakest: float  #: peak force in the worst of six directions at the worst point [N]
+    passive: float  #: magnitude of the force at zero current at the centre [N]
+    watts: float  #: heat for 1 N upwards at the centre, coils cold [W]
 
 
 @final
 @dataclass(frozen=True)
 class ContactForces:
-    """Peak force in the worst of six directions on a tool in contact, over the workspace as seen from above."""
+    """Peak force in the worst of six directions on a tool in contact, over the workspace in plan view."""
 
     x: Array  #: (n,) [m]
     y: Array  #: (k,) [m]
@@ -140,18 +140,18 @@ class ContactForces:
 
     @property
     def worst_place(self) -> tuple[float, float]:
-        """x and y [m] of the place with the least force."""
+        """x and y [m] of the point with the lowest peak force."""
         row, column = np.unravel_index(int(np.nanargmin(self.weakest)), self.weakest.shape)
         return float(self.x[column]), float(self.y[row])
 
     @property
     def median(self) -> float:
-        """Half of the workspace has at least this force [N]."""
+        """Median peak force over the workspace [N]."""
         return float(np.nanmedian(self.weakest))
 
 
 def map_contact(device: CoilArray, size: int = 13) -> ContactForces:
-    """`size` × `size` places of the workspace, exact model, currents and supply at their limits.
+    """Evaluate `size` × `size` points of the workspace: exact model, currents and supply at their limits.
 
     >>> from haptorb.devices.loader import load
     >>> forces = map_contact(load("planar"), 3)
@@ -177,7 +177,7 @@ def map_contact(device: CoilArray, size: int = 13) -> ContactForces:
 
 
 def array_capability(device: CoilArray, layers: int = 5) -> tuple[ArrayLayer, ...]:
-    """Layers from contact to the top of the space where forces are rendered.
+    """Layers from contact to the top of the workspace.
 
     >>> from haptorb.devices.loader import load
     >>> bool(array_capability(load("tetrahedron"), 2)[0].peak[2] > 0.2)
@@ -207,7 +207,7 @@ def _weaker(forces: Array) -> Array:
 
 
 def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
-    """(6,) greatest force along ±x, ±y, ±z at `state`, the passive one included [N]: the net force has that direction.
+    """(6,) peak net force along ±x, ±y, ±z at `state`, passive force included [N].
 
     What can be given along a line is an interval, as currents within their limits and within the supply's power are a
     convex set. It is found by bisection; 0 where the passive force across the line cannot be compensated.
@@ -220,7 +220,7 @@ def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
     def gives(size: float, direction: Array) -> bool:
         wanted[:3] = size * direction
         given = wrench_map.wrench(allocator.allocate(wrench_map, wanted).currents)[:3]
-        return bool(np.abs(given - wanted[:3]).max() <= _GIVEN * max(size, most * _GIVEN))
+        return bool(np.abs(given - wanted[:3]).max() <= _FORCE_TOLERANCE * max(size, most * _FORCE_TOLERANCE))
 
     for n, direction in enumerate(_DIRECTIONS):
         most = float(np.abs(direction @ forces) @ allocator.current_limit + direction @ passive)
@@ -238,12 +238,12 @@ def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
 
 
 def _list_places(device: CoilArray, height: float) -> list[State]:
-    """The middle first."""
+    """Grid points of the workspace at `height` [m], the centre first."""
     surface, far = device.surface, device.contact_height + height
     middle = State.at((0.0, 0.0, far), axis=(0.0, 0.0, 1.0))
     if surface.is_dome:
-        angles = 2 * np.pi * np.arange(2 * _PLACES) / (2 * _PLACES)
+        angles = 2 * np.pi * np.arange(2 * _POINTS_PER_SIDE) / (2 * _POINTS_PER_SIDE)
         sine, cosine = np.sin(surface.half_angle), np.cos(surface.half_angle)
         return [middle, *(State.at(far * np.array([sine * np.cos(a), sine * np.sin(a), cosine])) for a in angles)]
-    across = [np.linspace(-side, side, _PLACES) for side in surface.half_width]
+    across = [np.linspace(-side, side, _POINTS_PER_SIDE) for side in surface.half_width]
     return [middle, *(State.at((x, y, far), axis=(0.0, 0.0, 1.0)) for x in across[0] for y in across[1])]

@@ -1,4 +1,4 @@
-"""The guard's rules: what may be asked, what may flow, and when to switch off until a person engages.
+"""Guard: limits on wrench and current, and the conditions that switch the coils off until a person engages.
 
 Off is the default state and the end of every path. A trip latches with its reason; only a person who engages leaves it,
 and only when the reason is gone. The guard trusts nothing above it, least of all the world.
@@ -40,19 +40,19 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# How much time really passed between two ticks, and whether too many deadlines were missed: a tick is no unit of time.
+# Tick clock: elapsed time between ticks, and the overrun check of missed deadlines. A tick is no unit of time.
 #
-# A loop that is held up must not think that less time passed: a winding heats, a pose ages and a hand moves meanwhile.
+# A delayed loop must use the elapsed time, not its period: windings heat, poses age and hands move meanwhile.
 
 
-SILENCE = 0.020  #: of the loop, after which a device switches its coils off by itself [s]
-_WINDOW = 0.2  #: over which deadlines are counted [s]
-_SHARE = 0.8  #: of the deadlines must be met within the window
-_GAP = 0.025  #: missed time that one gap counts at most [s]: one pause of the computer is no overrun
+SILENCE = 0.020  #: of the loop, after which the device's watchdog switches its coils off [s]
+_DEADLINE_WINDOW_S = 0.2  #: window of the deadline count [s]
+_MIN_MET_DEADLINES = 0.8  #: share of the deadlines that must be met within the window
+_MAX_COUNTED_GAP_S = 0.025  #: missed time counted for one gap at most [s]: a single pause of the computer is no overrun
 BUCKETS = 8  #: of the window
 
 #: period and elapsed [s]; time of the last tick [s], NaN before the first; silence [s] that restarts the ramp; bucket:
-#: number of the one that is filled now; overrun and restart: what the last tick found; excused: the next tick's
+#: number of the one that is filled now; overrun and restart: results of the last tick; excused: the next tick's
 #: lateness does not count as missed time; missed: time in each bucket [s]
 CLOCK = fields(
     ("period", "f8"), ("elapsed", "f8"), ("time", "f8"), ("silence", "f8"), ("bucket", "f8"), ("overrun", "?"),
@@ -61,7 +61,7 @@ CLOCK = fields(
 
 
 def silence_of(period: float) -> float:
-    """How long a loop of `period` [s] may be silent before its coils are switched off [s].
+    """Time without a tick, for a loop of `period` [s], after which the device's watchdog switches its coils off [s].
 
     >>> silence_of(1e-3), silence_of(0.02)
     (0.02, 0.04)
@@ -80,7 +80,7 @@ def make_clock(period: float) -> Records:
 
 @kernel
 def advance_clock(c: Record, now: float) -> float:
-    """A tick begins at `now` [s] on the loop's clock; returns the time since the last one [s].
+    """Start a tick at `now` [s] on the loop's clock; returns the time elapsed since the last one [s].
 
     c is one CLOCK: `restart` means that the loop was silent for longer than a device's watchdog waits, `overrun` that
     within the last 0.2 s fewer than 80 % of the deadlines were met, those aside that are `excused`.
@@ -89,7 +89,7 @@ def advance_clock(c: Record, now: float) -> float:
     if not np.isfinite(elapsed):
         elapsed = c.period
     elapsed = max(elapsed, 0.0)
-    width = _WINDOW / BUCKETS
+    width = _DEADLINE_WINDOW_S / BUCKETS
     bucket = np.floor(now / width)
     if np.isfinite(bucket) and bucket != c.bucket:
         for i in range(min(max(int(bucket - c.bucket), 0), BUCKETS)):
@@ -97,11 +97,11 @@ def advance_clock(c: Record, now: float) -> float:
         c.bucket = bucket
     late = elapsed - c.period
     if late > 0.5 * c.period and np.isfinite(bucket) and not c.excused:
-        c.missed[int(bucket) % BUCKETS] += min(late, _GAP)
+        c.missed[int(bucket) % BUCKETS] += min(late, _MAX_COUNTED_GAP_S)
     total = 0.0
     for i in range(BUCKETS):
         total += c.missed[i]
-    c.overrun = total > (1.0 - _SHARE) * _WINDOW + 0.5 * c.period
+    c.overrun = total > (1.0 - _MIN_MET_DEADLINES) * _DEADLINE_WINDOW_S + 0.5 * c.period
     c.excused = False
     c.restart = elapsed > c.silence
     c.elapsed = elapsed
@@ -109,11 +109,11 @@ def advance_clock(c: Record, now: float) -> float:
     return float(elapsed)
 
 
-_RAMP_UP = 0.3  #: from nothing to the full wrench after engaging [s]
-_RAMP_DOWN = 0.05  #: to nothing after a pose went stale [s]; the other reasons switch off at once
-_CHANGE_OVER = 0.05  #: from the greatest force or torque to nothing, and back, where worlds change [s]
-_ABSENCE = 0.5  #: of ticks, after which only a person switches on again: a process that was stopped [s]
-_COOLER = 1.0  #: below the derating temperature before the full current may flow again [K]
+_RAMP_UP_S = 0.3  #: from zero to the full wrench after engaging [s]
+_RAMP_DOWN_S = 0.05  #: to zero after a pose became stale [s]; the other reasons switch off at once
+_CHANGE_OVER_S = 0.05  #: from the largest force or torque to zero, and back, on a change of world [s]
+_ABSENCE = 0.5  #: time without a tick after which only a person can engage again: the process was stopped [s]
+_DERATING_HYSTERESIS_K = 1.0  #: hysteresis: below the derating temperature before full current may flow again [K]
 
 _OFF, _RAMPING, _RUNNING = int(GuardState.OFF), int(GuardState.RAMPING), int(GuardState.RUNNING)
 _DERATED, _TRIPPED = int(GuardState.DERATED), int(GuardState.TRIPPED)
@@ -125,8 +125,9 @@ _NONE, _SAMPLE, _GUARD_OVERCURRENT = int(Trip.NONE), int(Trip.SAMPLE_NOT_FINITE)
 
 @kernel
 def trip(g: Record, reason: int) -> None:
-    """Coils off, latched. The first `reason` remains until a person engages; a later one does not hide it."""
-    if reason != _EXPIRED:  # that one fades; any other reason meanwhile, such as a Stop, ends the fade at once
+    """Switch the coils off, latched. The first `reason` remains until a person engages; later ones do not replace
+    it."""
+    if reason != _EXPIRED:  # that one fades out; any other reason meanwhile, such as a Stop, ends the fade at once
         g.gain = 0.0
     if g.state == _TRIPPED:
         return
@@ -137,14 +138,14 @@ def trip(g: Record, reason: int) -> None:
 
 @kernel
 def begin_tick(clock: Record, g: Record, now: float) -> None:
-    """A tick begins at `now` [s]: what ramps, slews, heats and expires goes by the time that really passed.
+    """Start a tick at `now` [s]: ramps, slew limits, heat and expiry advance by the elapsed time.
 
     After a silence in which the device has switched off by itself the ramp begins again at zero; too many missed
     deadlines trip, and so does a silence so long that a person no longer expects a force. clock is a CLOCK, g a GUARD.
     """
     g.dt = advance_clock(clock, now)
     if clock.restart:
-        g.dt = clock.period  # nothing ramps and nothing slews by a silence
+        g.dt = clock.period  # ramps and slew limits do not advance by a silence
     if g.state == _OFF or g.state == _TRIPPED:
         clock.missed[:] = 0.0
         return
@@ -159,7 +160,7 @@ def begin_tick(clock: Record, g: Record, now: float) -> None:
 
 @kernel
 def check_estimate(g: Record, valid: bool, age: float, reversed: bool) -> None:
-    """Trip unless the pose is `valid`, its `age` [s] below the expiry, and the magnet the right way round."""
+    """Trip unless the pose is `valid`, its `age` [s] below the expiry, and the magnet not reversed."""
     g.fresh = valid and age <= g.expiry  # safety: stale-poses-trip, lost-poses-trip
     if reversed:  # safety: reversed-magnet-trips
         trip(g, _REVERSED)
@@ -170,16 +171,17 @@ def check_estimate(g: Record, valid: bool, age: float, reversed: bool) -> None:
 @kernel
 def _fade(g: Record) -> None:
     if g.state == _TRIPPED:
-        g.gain = max(0.0, g.gain - g.dt / _RAMP_DOWN)
+        g.gain = max(0.0, g.gain - g.dt / _RAMP_DOWN_S)
     elif g.state == _RAMPING:
-        g.gain = min(1.0, g.gain + g.dt / _RAMP_UP)
+        g.gain = min(1.0, g.gain + g.dt / _RAMP_UP_S)
         if g.gain == 1.0:
             g.state = _RUNNING
 
 
 @kernel
 def _approach(now: Array, goal: Array, limit: float, step: float) -> bool:
-    """Move `now` (3,) by at most `step` towards `goal` (3,), both clamped to the size `limit`; whether it is there."""
+    """Move `now` (3,) by at most `step` towards `goal` (3,), both clamped to the norm `limit`; return whether it
+    arrived."""
     size, before, way = 0.0, 0.0, 0.0
     for i in range(3):
         size += goal[i] * goal[i]
@@ -202,10 +204,11 @@ def _approach(now: Array, goal: Array, limit: float, step: float) -> bool:
 
 @kernel
 def _steps(g: Record, now: Array) -> tuple[float, float]:
-    """By how much force [N] and torque [N·m] of `now` (6,) may change in this tick; the ramp's own change counts."""
+    """Steps of force [N] and torque [N·m] that `now` (6,) may change by in this tick, including the ramp's own
+    change."""
     force, torque = g.force_rate * g.dt, g.torque_rate * g.dt
     if g.state == _RAMPING:
-        ramped = g.dt / _RAMP_UP
+        ramped = g.dt / _RAMP_UP_S
         force -= ramped * np.sqrt(now[0] ** 2 + now[1] ** 2 + now[2] ** 2)
         torque -= ramped * np.sqrt(now[3] ** 2 + now[4] ** 2 + now[5] ** 2)
     return max(force, 0.0), max(torque, 0.0)
@@ -213,7 +216,7 @@ def _steps(g: Record, now: Array) -> tuple[float, float]:
 
 @kernel
 def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
-    """g.wanted (6,) becomes `wrench` (6,) [N, N·m], where who commands, and which way, changes only through zero.
+    """g.wanted (6,) becomes `wrench` (6,) [N, N·m]; a change of the commanding client or mapping passes through zero.
 
     Of it, g.commanded is what the client `session` commands through its `mapping`: that part changes at the rate limits
     at most. Another client, and another mapping, are rendered when the force of before has become zero. So is another
@@ -223,7 +226,7 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     for i in range(6):
         total += wrench[i] + g.commanded[i]
         g.wanted[i] = wrench[i]
-    if not np.isfinite(total):  # the wrench's limits handle it
+    if not np.isfinite(total):  # the limits on the wrench handle it
         return
     if g.gain == 0.0 and (g.state == _OFF or g.state == _TRIPPED):
         g.client[:] = 0.0
@@ -237,13 +240,13 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     if silent:
         g.session, g.mapping = session, mapping
     share = 1.0 if g.session == session and g.mapping == mapping else 0.0  # safety: clients-pass-zero
-    goal = g.wanted  # used as room for it
+    goal = g.wanted  # used as scratch space
     for i in range(6):
         goal[i] = share * g.commanded[i]
     _approach(g.client[:3], goal[:3], g.force, force)  # safety: client-force-rate
     _approach(g.client[3:], goal[3:], g.torque, torque)  # safety: client-torque-rate
     force, torque = _steps(g, g.world)
-    share = g.dt / _CHANGE_OVER  # slower than a client may push: a person who holds the device does not expect it
+    share = g.dt / _CHANGE_OVER_S  # slower than a client's rate limit: a person who holds the device does not expect it
     force, torque = min(force, share * g.force), min(torque, share * g.torque)
     if g.leaving:
         goal[:] = 0.0
@@ -269,7 +272,7 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
 
 @kernel
 def limit_wrench(g: Record) -> None:
-    """g.asked, a wrench (6,) [N, N·m], becomes its part that may be asked now: clamped, faded; zero when it is off."""
+    """Clamp and fade g.asked, a wrench (6,) [N, N·m], to the part that may be commanded now; zero when it is off."""
     _fade(g)
     wrench = g.asked
     force, torque = 0.0, 0.0
@@ -292,7 +295,7 @@ def limit_wrench(g: Record) -> None:
 
 @kernel
 def _note_uncommanded(g: Record) -> None:
-    """What no client commands may step: g.allowance (2,) grows by its change of force and torque."""
+    """Allow steps of the part that no client commands: g.allowance (2,) grows by its change of force and torque."""
     for k in range(2):
         change = 0.0
         for i in range(3 * k, 3 * k + 3):
@@ -305,7 +308,7 @@ def _note_uncommanded(g: Record) -> None:
 
 @kernel
 def check_readings(coils: Records) -> int:
-    """The reason to trip that measured currents and temperatures give by themselves, 0 for none."""
+    """Trip reason found in the measured currents and temperatures alone, 0 for none."""
     total = 0.0
     beyond = False
     for j in range(coils.size):
@@ -319,8 +322,9 @@ def check_readings(coils: Records) -> int:
 
 @kernel
 def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushes: bool, turns: bool) -> None:
-    """`held` of `coils` (m,) becomes what may flow of `wanted` (m,) [A]: within limits and slew, derated when warm, at
-    the rate of a client's force, zero when it is off. pushes, turns: whether force and torque are rendered."""
+    """Fill `held` of `coils` (m,) with the part of `wanted` (m,) [A] that may flow: clamped, slew-limited, derated when
+    warm, limited to the rate of a client's force, zero when off. pushes, turns: whether force and torque are
+    rendered."""
     if g.restarted:
         _clear_currents(g, coils)
         g.restarted = False
@@ -335,7 +339,7 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushe
         share = (heat.stop - hottest) / (heat.stop - heat.derate)
         if g.state == _RUNNING:
             g.state = _DERATED
-    elif g.state == _DERATED and hottest < heat.derate - _COOLER:
+    elif g.state == _DERATED and hottest < heat.derate - _DERATING_HYSTERESIS_K:
         g.state = _RUNNING
     for j in range(wanted.size):
         if not np.isfinite(wanted[j]):  # safety: nan-currents-trip
@@ -357,7 +361,7 @@ def _clear_currents(g: Record, coils: Records) -> None:
 
 @kernel
 def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
-    """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then its change into the slew's.
+    """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then apply the slew-rate limit.
 
     Returns the scale. Directions are kept. What is held is then within the supply's power too: it lies between two
     currents that are.
@@ -382,8 +386,8 @@ def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
 
 @kernel
 def _find_steps(coils: Records, k: int, wanted: Array, scale: float) -> tuple[float, float]:
-    """From the driven currents to `held`, and from `held` to `scale` of `wanted` (m,) [A]: both as force [N], k = 0, or
-    torque [N·m], k = 1, at this pose."""
+    """Changes from the driven currents to `held`, and from `held` to `scale` of `wanted` (m,) [A], as force [N], k = 0,
+    or torque [N·m], k = 1, at this pose."""
     step, behind = 0.0, 0.0
     for i in range(3 * k, 3 * k + 3):
         a, b = 0.0, 0.0
@@ -398,7 +402,7 @@ def _find_steps(coils: Records, k: int, wanted: Array, scale: float) -> tuple[fl
 
 @kernel
 def _limit_client_rate(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool, turns: bool) -> None:
-    """Shorten the step from the driven currents to `held` until a client's force changes at its rate at most.
+    """Rate limit: shorten the step from the driven currents to `held` to the largest rate of a client's force.
 
     The asked wrench keeps to that rate already; but where slew or limits held the currents back, they would catch up in
     one step. What no client commands is not limited: it may step as far as it has changed since the coils last gave
@@ -429,18 +433,18 @@ def _limit_client_rate(g: Record, coils: Records, wanted: Array, scale: float, p
 
 
 # --------------------------------------------------------------------------------------------------
-# What protection remembers between two ticks, and the settings that it goes by: two structured arrays.
+# State of protection between two ticks, with its settings: two structured arrays.
 #
-# `PROTECTION` holds what is there once, in an array of one record; `COIL` what every coil has, in an array of m
-# records.
-# Both are made by `make_state` and `make_coils`, changed by the kernels of this package, and read by everybody.
+# `PROTECTION` has the state that exists once, in an array of one record; `COIL` has one record per coil (m).
+# Both are created by `make_state` and `make_coils`, changed by the kernels of this package, and readable by all
+# modules.
 
 
-CREDIT = 2e-4  #: energy that may be made before passivity control acts [J]: 0.1 kg at 6 cm/s
-TICKS = 128  #: wrenches that passivity control remembers, from the last pose but one on
-_STATE_OVERCURRENT = 1.25  #: measured over allowed current at which wiring or driver must be broken
-_COLDEST, _HOTTEST = 233.15, 453.15  #: windings outside this are not resistances but faults [K]
-_LEARN = 0.025  #: current, as a share of the greatest that may flow, above which its resistance is learned
+CREDIT = 2e-4  #: energy that may be generated before passivity control acts [J]: 0.1 kg at 6 cm/s
+TICKS = 128  #: length of the wrench history of passivity control, from the last pose but one on
+_OVERCURRENT_RATIO = 1.25  #: ratio of measured to allowed current that indicates a fault of wiring or driver
+_MIN_WINDING_K, _MAX_WINDING_K = 233.15, 453.15  #: a winding temperature outside this range indicates a fault [K]
+_MIN_LEARNING_CURRENT = 0.025  #: current, relative to the limit, above which its resistance is estimated
 
 
 #: The estimator's output in this tick: age of the pose and whether it is valid, pose and motion of the mover.
@@ -456,39 +460,39 @@ ESTIMATE = fields(
 GUARD = fields(
     ("state", "i8"),  # GuardState
     ("reason", "i8"),  # Trip: why the coils are off
-    ("trips", "i8"),  # how often it has tripped
-    ("gain", "f8"),  # share of the wrench that is let through now, 0 to 1
-    ("asked", "f8", (6,)),  # wrench that may be asked of the coils now [N, N·m]
+    ("trips", "i8"),  # number of trips so far
+    ("gain", "f8"),  # factor on the wrench now, 0 to 1
+    ("asked", "f8", (6,)),  # wrench that may be commanded now [N, N·m]
     ("dt", "f8"),  # time by which ramps and slew advance in this tick [s]
     ("fresh", "?"),  # whether the last estimate was valid
-    ("restarted", "?"),  # the device has switched off by itself: currents begin at zero
-    ("expiry", "f8"),  # greatest age of a pose [s]
+    ("restarted", "?"),  # the device's watchdog has switched off: currents begin at zero
+    ("expiry", "f8"),  # maximum age of a pose [s]
     ("force", "f8"),  # limit [N]
     ("torque", "f8"),  # limit [N·m]
     ("slew", "f8"),  # limit [A/s]
-    ("power", "f8"),  # that the supply gives to all coils [W]
-    ("force_rate", "f8"),  # limit of what passes over, and of a client's force [N/s]
+    ("power", "f8"),  # of the supply for all coils [W]
+    ("force_rate", "f8"),  # limit at a change of client or world, and of a client's force [N/s]
     ("torque_rate", "f8"),  # the same [N·m/s]
     ("commanded", "f8", (6,)),  # part of the world's wrench that a client commands in this tick [N, N·m]
     ("session", "f8"),  # of the client whose force is rendered
     ("mapping", "f8"),  # number of that client's mapping
     ("client", "f8", (6,)),  # a client's wrench as rendered [N, N·m]
     ("world", "f8", (6,)),  # the wrench of the world without it, as rendered [N, N·m]
-    ("leaving", "?"),  # another world takes over: the wrench goes to zero
-    ("arriving", "?"),  # and then to what the world gives now
+    ("leaving", "?"),  # a change of world: the wrench goes to zero
+    ("arriving", "?"),  # and then to the wrench of the new world
     ("wanted", "f8", (6,)),  # both together [N, N·m]
     ("uncommanded", "f8", (6,)),  # part of `asked` that no client commands [N, N·m]
-    ("allowance", "f8", (2,)),  # step of force [N] and torque [N·m] that this part may still need
-    ("client_flows", "?"),  # a client's wrench is in the currents: their change is limited to its rates
+    ("allowance", "f8", (2,)),  # step of force [N] and torque [N·m] still allowed for this part
+    ("client_flows", "?"),  # the currents contain a client's wrench: their change is limited to its rates
 )
 
 HEAT = fields(
     ("hottest", "f8"),  # winding [K]; NaN if any is
     ("remaining", "f8"),  # time until a winding reaches `derate` under the present load [s]; inf if never
     ("remaining_age", "f8"),  # time since `remaining` was computed [s]
-    ("pending", "f8"),  # time of ticks in which nothing could be read [s]
-    ("started", "?"),  # whether a first reading was seen
-    ("derate", "f8"),  # winding temperature from which on current is taken away [K]
+    ("pending", "f8"),  # time of ticks without readings [s]
+    ("started", "?"),  # whether there was a first reading
+    ("derate", "f8"),  # winding temperature above which the current is derated [K]
     ("stop", "f8"),  # winding temperature at which the coils are switched off [K]
     ("coefficient", "f8"),  # of the resistance [1/K]
     ("reference", "f8"),  # temperature of the resistances [K]
@@ -498,53 +502,54 @@ HEAT = fields(
     ("winding_to_body", "f8"),  # [W/K]
     ("body_to_air", "f8"),  # [W/K]
     ("tolerance", "f8"),  # relative, of capacities and conductances
-    ("core", "f8"),  # temperature of what lies between coupled coils [K]
+    ("core", "f8"),  # temperature of the core between coupled coils [K]
     ("core_capacity", "f8"),  # [J/K]; 0 where coils are not coupled
 )
 
 DRIVE = fields(
     ("supply", "f8"),  # voltage [V]
-    ("dt", "f8"),  # time that the last tick took and the next may take [s]
+    ("dt", "f8"),  # length of the last tick and of the next one at most [s]
 )
 
 PASSIVITY = fields(
-    ("energy", "f8"),  # given to the hand since the world began [J]
-    ("balance", "f8"),  # what the hand's least damping took less what sampling and delay made [J]
+    ("energy", "f8"),  # delivered to the hand since the world began [J]
+    ("balance", "f8"),  # energy dissipated by the minimum hand damping minus energy generated by sampling and delay [J]
     ("damping", "f8"),  # injected now [N·s/m]
-    ("softened", "f8"),  # share of the world's wrench that is taken away now, 0 to 1
-    ("softer", "f8"),  # the same, as it is to become
-    ("since", "f8"),  # beginning of the stretch that is summed up now [s]
-    ("moved", "f8", (3,)),  # |v|² over this stretch and the two before [m²/s]
-    ("made", "f8"),  # energy that sampling and delay made in this stretch [J]
-    ("spread", "f8"),  # sum of the squares of what they made from pose to pose [J²]
-    ("poses", "f8"),  # at which the world acted in this stretch
-    ("taken", "f8"),  # and what the least damping took of it meanwhile, where the world acted [J]
-    ("touched", "f8"),  # when the world last acted on the hand [s]
-    ("smooth", "f8", (6,)),  # velocity without the noise of single poses [m/s, rad/s]
-    ("stamp", "f8"),  # when the last counted pose was measured [s]; -inf before the first
+    ("softened", "f8"),  # present reduction of the world's wrench, 0 to 1
+    ("softer", "f8"),  # setpoint of the same
+    ("since", "f8"),  # beginning of the present summation interval [s]
+    ("moved", "f8", (3,)),  # |v|² over this interval and the two before [m²/s]
+    ("made", "f8"),  # energy generated by sampling and delay in this interval [J]
+    ("spread", "f8"),  # sum of the squares of that energy from pose to pose [J²]
+    ("poses", "f8"),  # number of poses in this interval at which the world acted
+    ("taken", "f8"),  # energy dissipated by the minimum damping in this interval, where the world acted [J]
+    ("touched", "f8"),  # time at which the world last acted on the hand [s]
+    ("smooth", "f8", (6,)),  # velocity, low-pass filtered [m/s, rad/s]
+    ("stamp", "f8"),  # measurement time of the last counted pose [s]; -inf before the first
     ("newest", "f8"),  # latest stamp so far [s]
-    ("predicted", "i8"),  # ticks for which poses are still taken for predictions of the present
-    ("count", "i8"),  # wrenches remembered since the start
-    ("spacing", "f8"),  # between them, where poses are so late that there is no room for every tick [s]
-    ("passive", "?"),  # whether the world is; another one is watched and left alone
-    ("arm", "f8"),  # at which a hand holds a mover that turns [m]; 0 where no torque is rendered
+    ("predicted", "i8"),  # ticks for which poses still count as predictions of the present
+    ("count", "i8"),  # wrenches stored since the start
+    ("spacing", "f8"),  # between them, with poses so late that the buffer cannot store every tick [s]
+    ("passive", "?"),  # whether the world is passive; an active one is observed only
+    ("arm", "f8"),  # lever arm of the hand on a mover that turns [m]; 0 where no torque is rendered
     ("pushes", "?"),  # whether force is rendered, not torque alone
     ("dt", "f8"),  # nominal tick [s]
-    ("lag", "f8"),  # by which a wrench comes late through the coils [s]
+    ("lag", "f8"),  # delay of the wrench through the coils [s]
     ("position", "f8", (3,)),  # of the last counted pose [m]
     ("rotation", "f8", (3, 3)),  # of the last counted pose
     ("wrench", "f8", (6,)),  # of the world at the last counted pose [N, N·m]
-    ("stored", "f8"),  # energy in the world's memory now [J]; NaN if it does not say
+    ("stored", "f8"),  # energy stored in the world's state now [J]; NaN if not defined
     ("counted", "f8"),  # the same at the last counted pose [J]
     ("world_wrench", "f8", (6,)),  # wrench of the world at the last counted pose, before the guard [N, N·m]
-    ("surplus", "f8"),  # made by the world's time step: given and held now, less what it held and was given [J]
+    # energy generated by the world's time step: delivered plus stored now, minus stored before plus absorbed [J]
+    ("surplus", "f8"),
     ("motion", "f8", (6,)),  # velocity [m/s] and angular velocity [rad/s] since the pose before
-    ("mean", "f8", (6,)),  # wrench asked on average between the last two poses [N, N·m]
-    ("times", "f8", (TICKS,)),  # ring: from when on a wrench was asked [s]
-    ("wrenches", "f8", (TICKS, 6)),  # ring: which [N, N·m]
+    ("mean", "f8", (6,)),  # mean commanded wrench between the last two poses [N, N·m]
+    ("times", "f8", (TICKS,)),  # ring buffer: time from which each wrench was commanded [s]
+    ("wrenches", "f8", (TICKS, 6)),  # ring buffer: wrenches [N, N·m]
 )
 
-#: There is one of each.
+#: One record.
 PROTECTION = fields(
     ("clock", CLOCK),
     ("estimate", ESTIMATE),
@@ -554,21 +559,21 @@ PROTECTION = fields(
     ("passivity", PASSIVITY),
 )
 
-#: Of each coil.
+#: One record per coil.
 COIL = fields(
-    # settings, as the device file says
+    # settings from the device file
     ("limit", "f8"),  # current [A]
-    ("broken", "f8"),  # current at which wiring or driver must be broken [A]
+    ("broken", "f8"),  # current that indicates a fault of wiring or driver [A]
     ("voltage", "f8"),  # of the supply [V]
     ("cold", "f8"),  # resistance at the reference temperature [Ω]
     ("reference", "f8"),  # temperature [K]
     ("coefficient", "f8"),  # [1/K]
     ("inductance", "f8"),  # [H]
-    ("least", "f8"),  # resistance that the winding can have [Ω]
-    ("greatest", "f8"),  # resistance that the winding can have [Ω]
+    ("least", "f8"),  # minimum resistance of the winding [Ω]
+    ("greatest", "f8"),  # maximum resistance of the winding [Ω]
     ("to_core", "f8"),  # heat conductance from winding to core [W/K]; 0 where coils are not coupled
     ("hot", "f8"),  # resistance at the stop temperature [Ω]
-    ("learnable", "f8"),  # current above which the resistance is learned [A]
+    ("learnable", "f8"),  # current above which the resistance is estimated [A]
     # this tick
     ("current", "f8"),  # measured [A]
     ("boundary", "f8"),  # temperature measured [K]
@@ -576,44 +581,44 @@ COIL = fields(
     ("wrench", "f8", (6,)),  # on the mover per ampere [N/A, N·m/A]
     ("emf", "f8"),  # voltage that the moving mover induces [V]
     # guard
-    ("held", "f8"),  # current that may flow [A]
+    ("held", "f8"),  # allocated current after the limits [A]
     # heat
     ("winding", "f8"),  # temperature [K]
     ("body", "f8"),  # temperature [K]
     ("heating", "f8"),  # i²R at the reference temperature, mean of this tick [W]
     ("load", "f8"),  # i²R at the reference temperature, averaged [W]
-    ("heat_current", "f8"),  # measured when the heat was last observed [A]
-    ("ahead_winding", "f8"),  # temperature in the future, while the time that is left is computed [K]
+    ("heat_current", "f8"),  # measured at the last heat update [A]
+    ("ahead_winding", "f8"),  # predicted temperature, for the remaining time [K]
     ("ahead_body", "f8"),  # [K]
-    ("free", "f8"),  # that winding if the core were at zero [K]
+    ("free", "f8"),  # of that winding for a core at zero [K]
     ("share", "f8"),  # of the core's temperature in that winding's
-    ("body_free", "f8"),  # that body if its winding were at zero [K]
+    ("body_free", "f8"),  # of that body for a winding at zero [K]
     ("body_share", "f8"),  # of the winding's temperature in that body's
     # drive
-    ("resistance", "f8"),  # as learned [Ω]
+    ("resistance", "f8"),  # estimated [Ω]
     ("duty", "f8"),  # chosen in this tick, −1 to 1
-    ("driven", "f8"),  # current that should flow at the end of the tick [A]
-    ("drive_current", "f8"),  # measured when the resistance was last learned [A]
-    ("drive_emf", "f8"),  # emf when the last duties were chosen [V]
+    ("driven", "f8"),  # expected current at the end of the tick [A]
+    ("drive_current", "f8"),  # measured at the last resistance update [A]
+    ("drive_emf", "f8"),  # emf at the last choice of duties [V]
     ("volts", "f8"),  # sliding mean of voltage times current [V·A]
     ("squares", "f8"),  # sliding mean of current squared [A²]
     # check of the measured currents
-    ("ratio", "f8"),  # learned over expected resistance
+    ("ratio", "f8"),  # estimated over expected resistance
     ("model", "f8"),  # current at the last tick [A]
-    ("model_before", "f8"),  # where the interval before the last tick began [A]
-    ("model_end", "f8"),  # where the interval before the last tick aimed at [A]
+    ("model_before", "f8"),  # at the beginning of the interval before the last tick [A]
+    ("model_end", "f8"),  # steady-state value of the interval before the last tick [A]
     ("model_time", "f8"),  # length of that interval [s]
     ("model_emf", "f8"),  # emf at the last tick [V]
     ("residual", "f8"),  # smoothed difference of measured and model [A]
     ("level", "f8"),  # smoothed magnitude of the current [A]
     ("change", "f8"),  # smoothed change of the current per tick [A]
-    ("square", "f8"),  # smoothed square of the model's current when it was measured [A²]
+    ("square", "f8"),  # smoothed square of the model's current at the time of measurement [A²]
     ("product", "f8"),  # smoothed product of that current and the measured one [A²]
 )
 
 
 def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) -> Records:
-    """(1,) PROTECTION for `device` and ticks `dt` [s] apart: off, nothing seen yet.
+    """(1,) PROTECTION for `device` and ticks `dt` [s] apart: off, before the first tick.
 
     arm: at which a hand holds a mover that turns [m]; lag: by which a wrench comes late through the coils [s].
     """
@@ -647,14 +652,14 @@ def make_coils(device: Device) -> Records:
     coils = device.coils
     ambient = np.full(device.channels, coils.heat.ambient)
     made = state_zeros(device.channels, COIL)
-    made["limit"], made["broken"] = coils.current_limit, _STATE_OVERCURRENT * coils.current_limit
-    made["learnable"] = _LEARN * coils.current_limit
+    made["limit"], made["broken"] = coils.current_limit, _OVERCURRENT_RATIO * coils.current_limit
+    made["learnable"] = _MIN_LEARNING_CURRENT * coils.current_limit
     made["voltage"] = device.supply.voltage
     made["cold"], made["inductance"] = coils.resistance, coils.inductance
     made["reference"], made["coefficient"] = coils.reference_temperature, coils.temperature_coefficient
     made["hot"] = device.greatest_resistance
-    made["least"] = coils.resistance_at(np.full(device.channels, _COLDEST))
-    made["greatest"] = coils.resistance_at(np.full(device.channels, _HOTTEST))
+    made["least"] = coils.resistance_at(np.full(device.channels, _MIN_WINDING_K))
+    made["greatest"] = coils.resistance_at(np.full(device.channels, _MAX_WINDING_K))
     made["to_core"] = 0.0 if coils.heat.coupling is None else coils.heat.coupling.winding_to_core
     made["resistance"] = coils.resistance_at(ambient)
     made["winding"] = made["body"] = ambient

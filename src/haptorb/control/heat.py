@@ -1,4 +1,4 @@
-"""How hot the windings are at most, and how long the present load may last: a thermal network fed with currents.
+"""Upper bound of the winding temperatures, and remaining time under the present load: a thermal network.
 
 The copper cannot be touched by a thermometer; its temperature is integrated from i²R, and each coil's body is pulled
 gently to its boundary thermometer, so that a wrong start or a wrong room is forgotten within seconds. Coils that are
@@ -22,13 +22,13 @@ __all__ = ["observe_heat", "remaining_time"]
 
 
 # --------------------------------------------------------------------------------------------------
-# How long the present load may last: until a winding reaches the derating temperature, at constant currents.
+# Remaining time under the present load: until a winding reaches the derating temperature, at constant currents.
 
 
-_FIRST = 0.02  #: first step into the future [s]
-_GROWTH = 1.15  #: of each step to the next
-_STEPS = 90  #: as many: ten hours
-_IMPLICIT = 0.55  #: weight of a step's end: second order but for a little, and stable however long the step is
+_FIRST_STEP_S = 0.02  #: first prediction step [s]
+_STEP_RATIO = 1.15  #: ratio of one step to the previous one
+_STEPS = 90  #: number of steps: ten hours in total
+_IMPLICIT = 0.55  #: weight of the end of a step: nearly second order, and stable for any step length
 
 
 @kernel
@@ -49,12 +49,12 @@ def remaining_time(h: Record, coils: Records) -> float:
 
 @kernel
 def _step_ahead(h: Record, coils: Records) -> float:
-    """The time for coils that warm each other, or whose values have a tolerance: steps that grow with the time.
+    """Remaining time of coupled coils, or of values with a tolerance: prediction with growing steps.
 
     Each is implicit, and as in the observer's steps what leaves a node counts with the smallest conductance, what
     enters it with the greatest. Winding and body of a coil are eliminated, then the core's balance is solved.
     """
-    core, dt, t = h.core, _FIRST, 0.0
+    core, dt, t = h.core, _FIRST_STEP_S, 0.0
     for j in range(coils.size):
         c = coils[j]
         c.ahead_winding, c.ahead_body = c.winding, c.body
@@ -70,13 +70,14 @@ def _step_ahead(h: Record, coils: Records) -> float:
         if not hottest < h.derate:
             return t + dt * (h.derate - before) / (hottest - before) if hottest > before else t
         t += dt
-        dt *= _GROWTH
+        dt *= _STEP_RATIO
     return np.inf
 
 
 @kernel
 def _find_core(h: Record, coils: Records, core: float, dt: float) -> float:
-    """The core's temperature `dt` [s] later [K]; `coils` keep what then gives winding and body.
+    """Core temperature `dt` [s] later [K]; `coils` store the coefficients of the resulting winding and body
+    temperatures.
 
     winding = free + share · core, body = body_free + body_share · winding. A winding that runs away within the step has
     no such balance: it is infinitely hot.
@@ -109,14 +110,14 @@ def _find_core(h: Record, coils: Records, core: float, dt: float) -> float:
         balance += end * from_winding * (1.0 - c.share)
         constant += end * from_winding * c.free
     if balance == 0.0:
-        return core  # there is none
+        return core  # no core
     capacity = h.core_capacity * (least if inflow > 0.0 else most) / dt
     return float((capacity * core + start * inflow + constant) / (capacity + balance))
 
 
 @kernel
 def _solve_single(h: Record, coils: Records) -> float:
-    """The time for coils that do not warm each other, with exact values: two nodes each, in closed form.
+    """Remaining time of uncoupled coils with exact values: two nodes each, in closed form.
 
     Warm copper takes more power from the same current, which makes the two-node equations no less linear: only the
     winding's own rate changes, and may change sign (thermal runaway).
@@ -135,12 +136,13 @@ def _solve_single(h: Record, coils: Records) -> float:
         root = np.sqrt((a - d) ** 2 + 4.0 * b * c)
         fast, slow = -0.5 * (a + d + root), -0.5 * (a + d - root)
         det = fast * slow
-        if abs(slow) < 1e-12:  # exactly between settling and running away: a hair to either side is the same for years
+        # On the boundary of stability a tiny offset to either side makes no difference for years.
+        if abs(slow) < 1e-12:
             slow, det = 1e-12, fast * 1e-12
         end = (d * s + b * r) / det
         if slow < 0.0 and end <= limit:
             continue
-        # θ(t) = end + p e^(fast t) + q e^(slow t), from the state now and its slope
+        # θ(t) = end + p e^(fast t) + q e^(slow t), from the present state and its slope
         start, slope = winding - end, -a * winding + b * body + s
         q = (slope - fast * start) / (slow - fast)
         p = start - q
@@ -159,17 +161,18 @@ def _solve_single(h: Record, coils: Records) -> float:
     return shortest
 
 
-_PULL = 0.5  #: rate at which the body follows the thermometer [1/s]
-_LOAD_WINDOW = 1.0  #: over which the present load is averaged [s]
-_STEP = 0.02  #: longest step of the integration [s]
-_MAX_STEP_S = 60.0  #: time that one tick can make up for [s]; a longer pause leaves the windings as warm as after this
-_OFTEN = 0.02  #: between two computations of the time that is left [s]
-_SELDOM = 0.1  #: the same for coupled coils, of which a computation takes as long as a third of a tick's other work [s]
+_OBSERVER_GAIN = 0.5  #: observer gain from thermometer to body [1/s]
+_LOAD_AVERAGING_S = 1.0  #: averaging time of the present load [s]
+_MAX_INTEGRATION_STEP_S = 0.02  #: longest step of the integration [s]
+_MAX_STEP_S = 60.0  #: limit on the time integrated in one tick [s]; a longer pause has the same effect
+_PREDICTION_INTERVAL_S = 0.02  #: interval between two computations of the remaining time [s]
+#: the same for coupled coils, where one computation takes a third of a tick's other work [s]
+_COUPLED_PREDICTION_INTERVAL_S = 0.1
 
 
 @kernel
 def _mean_square(before: float, now: float, x: float) -> float:
-    """Mean of i² while a current goes from `before` to `now` [A] as e^(−x) of a coil does, x = R dt/L."""
+    """Mean of i² while a current changes from `before` to `now` [A] exponentially as e^(−x), x = R dt/L."""
     if not x < 50.0:
         return now * now
     if x < 1e-6:
@@ -182,15 +185,15 @@ def _mean_square(before: float, now: float, x: float) -> float:
 
 @kernel
 def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
-    """Advance the winding temperatures of `coils` (m,) by `elapsed` [s], with what was measured in this tick.
+    """Advance the winding temperatures of `coils` (m,) by `elapsed` [s], from this tick's measurements.
 
     h is a HEAT; ticks in which nothing could be read are made up for.
     """
     elapsed = min(elapsed + h.pending, _MAX_STEP_S)
     h.pending = 0.0
-    steps = max(1, int(np.ceil(elapsed / _STEP - 1e-9)))
-    dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_WINDOW)
-    # After a long silence the readings tell that the device switched off, but not when: at the latest its watchdog did.
+    steps = max(1, int(np.ceil(elapsed / _MAX_INTEGRATION_STEP_S - 1e-9)))
+    dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_AVERAGING_S)
+    # After a long silence the device has switched off, at an unknown time: at the latest when its watchdog expired.
     held = SILENCE / elapsed if elapsed > 1.05 * SILENCE else 0.0
     if not h.started:
         _begin(h, coils)
@@ -209,11 +212,11 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
     hottest = -np.inf
     for j in range(coils.size):
         winding = coils[j].winding
-        if winding > hottest or winding != winding:  # once not a number, never again below a limit
+        if winding > hottest or winding != winding:  # NaN propagates: it is never below a limit again
             hottest = winding
     h.hottest = hottest
     h.remaining_age += elapsed
-    often = _OFTEN if h.core_capacity == 0.0 else _SELDOM
+    often = _PREDICTION_INTERVAL_S if h.core_capacity == 0.0 else _COUPLED_PREDICTION_INTERVAL_S
     if not h.started or h.remaining_age >= often - 1e-9:
         h.remaining_age = 0.0
         h.remaining = remaining_time(h, coils)
@@ -222,7 +225,8 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
 
 @kernel
 def _begin(h: Record, coils: Records) -> None:
-    """A device that was used a minute ago starts warm: all of a coil as its boundary, the core as the warmest coil."""
+    """Initialise warm, for a device used shortly before: a coil at its boundary temperature, the core at the warmest
+    coil."""
     h.core = -np.inf
     for j in range(coils.size):
         c = coils[j]
@@ -233,9 +237,9 @@ def _begin(h: Record, coils: Records) -> None:
 
 @kernel
 def _warm(h: Record, coils: Records, dt: float) -> None:
-    """A step of `dt` [s] of windings, bodies and core: all flows from the temperatures at its beginning."""
+    """Advance windings, bodies and core by `dt` [s]; explicit Euler."""
     least, most = 1.0 - h.tolerance, 1.0 + h.tolerance  # safety: heat-is-an-upper-bound
-    pull = -np.expm1(-_PULL * dt)
+    pull = -np.expm1(-_OBSERVER_GAIN * dt)
     into_core = 0.0
     for j in range(coils.size):
         c = coils[j]
@@ -243,11 +247,11 @@ def _warm(h: Record, coils: Records, dt: float) -> None:
         to_body, to_air = h.winding_to_body * (winding - body), h.body_to_air * (body - h.ambient)
         to_core = c.to_core * (winding - h.core)  # safety: coils-warm-each-other
         heat = c.heating * (1.0 + h.coefficient * (winding - h.reference))
-        # What leaves a node counts with the smallest conductance, what enters it with the greatest.
+        # Heat flow out of a node uses the smallest conductance, heat flow into it the largest.
         net = heat - to_body * (least if to_body > 0.0 else most) - to_core * (least if to_core > 0.0 else most)
         c.winding += dt * net / (h.winding_capacity * (least if net > 0.0 else most))
         net = to_body * (most if to_body > 0.0 else least) - to_air * (least if to_air > 0.0 else most)
         c.body += dt * net / (h.body_capacity * (least if net > 0.0 else most)) + pull * (c.boundary - body)
         into_core += to_core * (most if to_core > 0.0 else least)
-    if into_core != 0.0:  # never without a core
+    if into_core != 0.0:  # skipped without a core
         h.core += dt * into_core / (h.core_capacity * (least if into_core > 0.0 else most))

@@ -1,4 +1,4 @@
-"""What connects the mover to the body that the world acts on: directly, or through two modes and a clutch.
+"""Linkage between the mover and the object that a world acts on: direct, or through two modes and a clutch.
 
 A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
 while its plug moves in six degrees of freedom: between them is a linkage with a clutch (`ModedLinkage`). Besides
@@ -57,7 +57,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The constants of the two modes: how far the target moves, and how strongly its wrench is felt.
+# Gains of the two modes: motion of the object, and scale of its wrench.
 
 
 def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
@@ -70,7 +70,7 @@ def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Gains:
-    """The constants of eqs. (5) and (6), indexed as printed.
+    """Gains of eqs. (5) and (6), indexed as printed.
 
     translate          ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
     rotate             ζ of λ', ψ', φ'
@@ -114,14 +114,14 @@ class Gains:
 
     @property
     def torques(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """translate_torque and rotate_torque, filled in."""
-        assert self.translate_torque is not None  # filled in by the constructor
+        """translate_torque and rotate_torque, with their defaults resolved."""
+        assert self.translate_torque is not None  # set by the constructor
         assert self.rotate_torque is not None
         return self.translate_torque, self.rotate_torque
 
     @property
     def torque_per_motion(self) -> Array:
-        """(6,) torque gain over motion gain for X', Y', Z', λ', ψ', φ'; one number six times if passive."""
+        """(6,) ratio of torque gain to motion gain for X', Y', Z', λ', ψ', φ'; six equal values if passive."""
         motion = np.array([*self.translate, *self.rotate])
         (psi, lam, phi), (turn_psi, turn_lam, turn_phi) = self.torques
         torque = np.array([lam, psi, phi, turn_lam, turn_psi, turn_phi])
@@ -132,7 +132,7 @@ class Gains:
 
     @property
     def verdict(self) -> str:
-        """ "power-consistent"; "scaled": all torques by one factor, still passive; or "active": can give energy.
+        """ "power-consistent"; "scaled": all torques by one factor, still passive; or "active": can generate energy.
 
         One factor for all six: with another factor in the other mode, energy put in through one could be taken out
         through the other.
@@ -146,32 +146,32 @@ class Gains:
         return "active"
 
 
-#: 40° of handle, which a hand can sweep within the workspace, pull the plug all the way out; else the defaults
+#: 40° of handle, within a hand's range in the workspace, pull the plug all the way out; else the defaults
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
 
 # --------------------------------------------------------------------------------------------------
-# The names of the two modes: the handle moves the object, or turns it.
+# Names of the two modes: the handle translates the object, or rotates it.
 
 
 Mode = Literal["translate", "rotate"]
 MODES: tuple[Mode, ...] = ("translate", "rotate")
 
 
-NO_CONTACTS = np.zeros((0, 8))  #: contacts of a world that renders none, one row of 8 numbers each
+NO_CONTACTS = np.zeros((0, 8))  #: contacts of a world without any; one row of 8 numbers each
 _CLOSED = np.ones(2)
 
 
 class WrenchSource(Protocol):
-    """The part of a world that a linkage needs."""
+    """Part of a world's interface that a linkage uses."""
 
     def wrench(self, state: State) -> Array:
-        """(6,) on the body at `state` [N, N·m]."""
+        """(6,) on the object at `state` [N, N·m]."""
 
 
 @record
 class RenderedWrench:
-    """What one tick of a linkage gives.
+    """Result of one tick of a linkage.
 
     wrench        (6,) on the mover, stator frame [N, N·m]
     thing         pose and motion of the body that the world acts on: the mover, or a motor's target (primed frame)
@@ -192,15 +192,15 @@ class RenderedWrench:
 
 
 class Linkage(Stateful, ABC):
-    """From the mover's state to what the hand feels of a world. What it remembers, `state_arrays` names."""
+    """Maps the mover's state to the wrench of a world on the hand. `state_arrays` names its state."""
 
-    modes: tuple[Mode, ...]  #: that can be chosen; empty for a direct linkage
-    passive: bool  #: whether it gives no energy that the world did not give
-    arm: float  #: at which a hand holds a mover that turns [m]; 0 where the mover is a tool
+    modes: tuple[Mode, ...]  #: available modes; empty for a direct linkage
+    passive: bool  #: whether it adds no energy to that of the world
+    arm: float  #: lever arm of the hand on a mover that turns [m]; 0 where the mover is a tool
 
     @abstractmethod
     def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
-        """What `world` makes the hand feel with the mover at `mover`; one call per tick."""
+        """Wrench of `world` on the hand with the mover at `mover`; one call per tick."""
 
     @abstractmethod
     def bring_back(self, on_thing: Array, wrench: Array) -> None:
@@ -209,15 +209,15 @@ class Linkage(Stateful, ABC):
 
     @abstractmethod
     def set_mode(self, mode: Mode) -> None:
-        """Go over to `mode`, without a step of pose or wrench. Raises UnknownName for a mode that there is not."""
+        """Change to `mode`, without a step of pose or wrench. Raises UnknownName for an unknown mode."""
 
     @abstractmethod
     def set_clutch(self, engaged: bool) -> None:
-        """Couple to the target, or release it, without a step of pose or wrench."""
+        """Engage the clutch to the object, or release it, without a step of pose or wrench."""
 
     @abstractmethod
     def set_torque_scale(self, scale: float) -> None:
-        """Let the wrench come back `scale` times as strong, sliding there."""
+        """Scale the wrench by `scale`, with a smooth transition."""
 
     @abstractmethod
     def restart(self) -> None:
@@ -233,79 +233,79 @@ class Direct(Linkage):
     arm = 0.0
 
     def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
-        """The world's wrench at the mover."""
+        """Wrench of the world at the mover."""
         wrench = world.wrench(mover)
         return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
     def bring_back(self, on_thing: Array, wrench: Array) -> None:
-        """`wrench` (6,) becomes `on_thing` (6,) itself [N, N·m]: body and mover are one."""
+        """`wrench` (6,) becomes `on_thing` (6,) itself [N, N·m]: object and mover are the same body."""
         wrench[:] = on_thing
 
     def set_mode(self, mode: Mode) -> None:
-        """There is nothing to choose. Raises InputError."""
+        """Not available without modes. Raises InputError."""
         raise InputError(f"mode '{mode}': this device has no modes; its mover acts directly")
 
     def set_clutch(self, engaged: bool) -> None:
-        """There is no clutch. Raises InputError."""
+        """Not available without a clutch. Raises InputError."""
         raise InputError("this device has no clutch; its mover acts directly")
 
     def set_torque_scale(self, scale: float) -> None:
-        """There is nothing to scale. Raises InputError."""
+        """Not available without a torque scale. Raises InputError."""
         raise InputError("this device has no torque scale; its mover acts directly")
 
     def restart(self) -> None:
-        """Nothing is remembered."""
+        """Does nothing: a direct linkage is stateless."""
 
 
 @device_function
 @singledispatch
 def make_linkage(device: Device, gains: Gains | None = None) -> Linkage:
-    """The linkage between the mover of `device` and the body that the world acts on, by its kind; by default both are
-    the same body. Raises InputError for `gains` where there are no modes."""
+    """Create the linkage between the mover of `device` and the object, by its kind; by default they are the
+    same body. Raises InputError for `gains` where there are no modes."""
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()
 
 
 # --------------------------------------------------------------------------------------------------
-# The mapping of eqs. (5) and (6) in compiled code: rotor to target in one pass, and the target's wrench back.
+# Mapping of eqs. (5) and (6) in compiled code: rotor to object in one pass, and the object's wrench back.
 #
-# What is remembered, and the constants that the mapping goes by, are one record of `CLUTCH`, in an array of one.
+# State and gains of the mapping are one record of `CLUTCH`, in an array of one.
 
 
-STEEPEST = math.radians(80.0)  #: tilt λ at which Euler angles come too close to their pole, for rotor and target
+STEEPEST = math.radians(80.0)  #: tilt λ at which Euler angles come too close to their singularity, for rotor and object
 _HIGHEST = math.sin(STEEPEST)
 _TURN = 2.0 * math.pi
 
 CLUTCH = fields(
-    # settings: the gains of `Gains`, as printed, and the times of `ModedLinkage`
+    # settings: the gains of `Gains`, as printed, and the time constants of `ModedLinkage`
     ("translate", "f8", (3,)),  # ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
     ("rotate", "f8", (3,)),  # ζ of λ', ψ', φ'
     ("translate_torque", "f8", (3,)),  # η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ)
     ("rotate_torque", "f8", (3,)),  # η of T_ψ', T_λ', T_φ'
     ("gap", "f8"),  # [s]
     ("ramp", "f8"),  # [s]
-    # remembered
-    ("moving", "f8"),  # how firmly translation is joined now, 0 to 1
-    ("turning", "f8"),  # how firmly rotation is joined now, 0 to 1
-    ("moving_goal", "f8"),  # to which the first slides
-    ("turning_goal", "f8"),  # to which the second slides
+    # state
+    ("moving", "f8"),  # engagement of translation, 0 to 1
+    ("turning", "f8"),  # engagement of rotation, 0 to 1
+    ("moving_goal", "f8"),  # setpoint of the first
+    ("turning_goal", "f8"),  # setpoint of the second
     ("angles", "f8", (3,)),  # of the rotor: ψ, λ, φ [rad], φ unwrapped
     ("rates", "f8", (3,)),  # their rates [rad/s]
-    ("position", "f8", (3,)),  # of the target: X', Y', Z' [m]
-    ("attitude", "f8", (3,)),  # of the target: ψ', λ', φ' [rad]
+    ("position", "f8", (3,)),  # of the object: X', Y', Z' [m]
+    ("attitude", "f8", (3,)),  # of the object: ψ', λ', φ' [rad]
 )
 
 
 @kernel
 def _free(attitude: float, rate: float, gain: float) -> float:
-    """0 while the target leans against the pole of its Euler angles (λ', λ's rate, ζ₁), else 1."""
+    """0 while the object is driven against the singularity of its Euler angles (λ', λ's rate, ζ₁), else 1."""
     return 0.0 if abs(attitude) >= STEEPEST and attitude * rate * gain > 0.0 else 1.0
 
 
 @kernel
 def _nearest(angle: float, near: float) -> float:
-    """`angle` and some whole turns [rad], so that it is nearest to `near`."""
+    """`angle` plus the multiple of a full turn [rad] that brings it nearest to `near`."""
     return angle + _TURN * round((near - angle) / _TURN)
 
 
@@ -351,7 +351,7 @@ def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
 
 @kernel
 def _fill_target_pose(clutch: Records, pose: Array) -> None:
-    """Fill pose (6, 3): R' (3, 3), position [m], w' [rad/s] and v' [m/s] of the target, primed frame."""
+    """Fill pose (6, 3): R' (3, 3), position [m], w' [rad/s] and v' [m/s] of the object, primed frame."""
     m = clutch[0]
     rates, attitude = m.rates, m.attitude
     cp, sp = math.cos(attitude[0]), math.sin(attitude[0])
@@ -375,7 +375,7 @@ def _fill_target_pose(clutch: Records, pose: Array) -> None:
 
 @tick_kernel
 def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, share: Array) -> bool:
-    """`advance_clutch` and `_fill_target_pose` at once; share (2,): how firmly translation and rotation are joined."""
+    """`advance_clutch` and `_fill_target_pose` in one call; share (2,): engagement of translation and rotation."""
     if not advance_clutch(clutch, R, w, dt):
         return False
     _fill_target_pose(clutch, pose)
@@ -385,7 +385,7 @@ def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, sh
 
 @tick_kernel
 def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) -> None:
-    """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the target's wrench (6,) [N, N·m].
+    """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the object's wrench (6,) [N, N·m].
 
     scale: by how much stronger it comes back than the clutch's gains say.
     """
@@ -393,14 +393,14 @@ def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) 
     q, rates, attitude, move, turn = m.angles, m.rates, m.attitude, m.translate_torque, m.rotate_torque
     c, s = math.cos(attitude[0]), math.sin(attitude[0])
     cl, sl = math.cos(attitude[1]), math.sin(attitude[1])
-    # the target's torque along its Euler axes: Jᵀ T'
+    # the object's torque along its Euler axes: Jᵀ T'
     T_psi = wrench[3]
     T_lam = (c * wrench[4] + s * wrench[5]) * _free(attitude[1], rates[1], m.rotate[0])
     T_phi = sl * wrench[3] - s * cl * wrench[4] + c * cl * wrench[5]
     Q_psi = m.moving * move[0] * wrench[1] + m.turning * turn[0] * T_psi  # Eqs. (6b), (5b)
     Q_lam = m.moving * move[1] * wrench[0] + m.turning * turn[1] * T_lam
     Q_phi = m.moving * move[2] * wrench[2] + m.turning * turn[2] * T_phi
-    # the vector that has these components along the rotor's Euler axes: J⁻ᵀ Q
+    # torque vector with these components along the rotor's Euler axes: J⁻ᵀ Q
     c, s = math.cos(q[0]), math.sin(q[0])
     u = (Q_phi - math.sin(q[1]) * Q_psi) / math.cos(q[1])
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
@@ -410,32 +410,33 @@ def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) 
 
 
 # --------------------------------------------------------------------------------------------------
-# Two modes and a clutch: three turns of a rotor move a target in six degrees of freedom, and its wrench comes back.
+# Two modes and a clutch: three rotor angles move an object in six degrees of freedom, with its wrench fed back.
 #
-# Bai 2012, eqs. (5)–(6), rotor angles (ψ, λ, φ), R = Rx(ψ) Ry(λ) Rz(φ), primes for the target:
+# Bai 2012, eqs. (5)–(6), rotor angles (ψ, λ, φ), R = Rx(ψ) Ry(λ) Rz(φ), primes for the object:
 #
 #     rotate       λ' = ζ₁ λ,   ψ' = ζ₂ ψ,   φ' = ζ₃ φ          T_ψ = η₁ T_ψ',  T_λ = η₂ T_λ',  T_φ = η₃ T_φ'
 #     translate    X' = ζ̂₁ λ,   Y' = ζ̂₂ ψ,   Z' = ζ̂₃ φ          T_ψ = η̂₁ F_Y',  T_λ = η̂₂ F_X',  T_φ = η̂₃ F_Z'
 #
 # (6b), not the text of phase 1, which swaps T_ψ and T_λ (erratum E6). Mind the printed order: ζ₁ is for λ, η₁ for ψ.
 #
-# T_ψ, T_λ, T_φ are what the torque vector does along the three Euler axes, and T_ψ', T_λ', T_φ' likewise at the target;
-# with that T·ω = F·v' + T'·w' holds at any tilt, not only for small ones.
+# T_ψ, T_λ, T_φ are the projections of the torque vector on the three Euler axes, and T_ψ', T_λ', T_φ' likewise for the
+# object; with that T·ω = F·v' + T'·w' is satisfied at any tilt, not only for small ones.
 #
-# The clutch moves the target by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same share.
-# Both shares (one per mode) slide between 0 and 1, never jump; so switching, releasing and engaging step neither pose
-# nor torque, and at every share the power that leaves the hand is the power that reaches the target. To release, turn
-# back and engage again reaches as far as one likes.
+# The clutch moves the object by *increments*: dX' = share · ζ̂ dq, and the torque is share · η̂ F with the same share.
+# Both shares (one per mode) ramp between 0 and 1; so switching, releasing and engaging step neither pose nor torque,
+# and at every share the power delivered by the hand equals the power received by the object. Release, turn back and
+# engage again (indexing) extends the range without limit.
 
 
 _FLOAT = NO_CONTACTS.dtype
-_SLIDE = 0.5  #: time in which the torque scale changes by a factor e [s]: slow against a hand's own motion
-_NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: of modes in a row
+#: time in which the torque scale changes by a factor e [s]: slow compared with a hand's own motion
+_SCALE_TIME_CONSTANT_S = 0.5
+_NUMBERS = {mode: number for number, mode in enumerate(MODES, start=1)}  #: number of each mode in a row
 
 
 @final
 class ModedLinkage(Linkage):
-    """A rotor moves a target through two modes; the wrench on the target comes back as torque.
+    """A rotor moves an object through two modes; the wrench on the object is fed back as torque.
 
     gains                motion and torque gains
     position, attitude   where the target begins: X', Y', Z' [m] and ψ', λ', φ' [rad]; the plug fully home is at zero
@@ -480,25 +481,25 @@ class ModedLinkage(Linkage):
             raise InputError(f"attitude: λ' must stay within ±{limit:.0f}°; got {math.degrees(turn):.4g}°")
         self._mode: Mode = "translate"
         self._engaged = True
-        self._memory: Records = state_zeros(1, CLUTCH)  # changed in place by every tick
+        self._memory: Records = state_zeros(1, CLUTCH)  # updated in place in every tick
         self._asked = np.zeros(6)
         self._scale = self._scale_goal = 1.0
         self._numbers = make_numbers("mode", "engaged", "t", "scale", "scale_goal")
         self.restart()
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """The clutch; mode from 0 on, whether the hand has it engaged, time [s] of the rotor's last state, torque
+        """Clutch; mode, from 0; whether it is commanded to engage; time [s] of the rotor's last state; torque
         scales."""
         return {"clutch": self._memory, "choices": self._numbers[0]}
 
     def gather_state(self) -> None:
-        """Note the choices."""
+        """Copy mode, clutch command and scales into the state arrays."""
         cells = self._numbers[1]
         cells[0], cells[1], cells[2] = MODES.index(self._mode), self._engaged, self._t
         cells[3], cells[4] = self._scale, self._scale_goal
 
     def apply_state(self) -> None:
-        """Take them over."""
+        """Restore mode, clutch command and scales from the state arrays."""
         mode, engaged, self._t, scale, goal = self._numbers[1]
         if not (0.0 < scale < math.inf and 0.0 < goal < math.inf):
             raise ValueError(f"{scale!r} and {goal!r} are no torque scales")
@@ -506,7 +507,7 @@ class ModedLinkage(Linkage):
         self._scale, self._scale_goal = scale, goal
 
     def restart(self) -> None:
-        """The target is back at its beginning and the clutch released; mode and the hand's wish stay."""
+        """Reset the object to its initial pose with the clutch released; mode and clutch command are preserved."""
         memory = self._memory
         memory[:] = np.zeros(1, dtype=CLUTCH)
         for name in ("translate", "rotate", "translate_torque", "rotate_torque"):
@@ -517,7 +518,7 @@ class ModedLinkage(Linkage):
         self._aim()
 
     def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
-        """Advance the clutch to `mover`, ask `world` at the target, and bring its wrench back as torque.
+        """Advance the clutch to `mover`, evaluate `world` at the object, and return its wrench as torque.
 
         Raises InputError for a rotor tilted beyond ±80°, and for a world that gives no wrench.
         """
@@ -541,7 +542,7 @@ class ModedLinkage(Linkage):
         if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
             raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
         asked, wrench = self._asked, np.empty(6)
-        asked[:] = on_target  # in another memory layout a user's array would have the kernel compiled again
+        asked[:] = on_target  # a user's array of another memory layout would trigger another compilation of the kernel
         fill_rotor_wrench(memory, asked, self._scale, wrench)
         return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 
@@ -550,14 +551,14 @@ class ModedLinkage(Linkage):
         fill_rotor_wrench(self._memory, on_thing, self._scale, wrench)
 
     def set_mode(self, mode: Mode) -> None:
-        """From the next tick on, the clutch slides over to `mode`."""
+        """Change to `mode` from the next tick on, with a smooth transition."""
         if mode not in MODES:
             raise UnknownName("mode", str(mode), MODES)
         self._mode = mode
         self._aim()
 
     def set_clutch(self, engaged: bool) -> None:
-        """From the next tick on, the clutch engages or releases."""
+        """Engage or release the clutch from the next tick on."""
         self._engaged = bool(engaged)
         self._aim()
 
@@ -571,18 +572,18 @@ class ModedLinkage(Linkage):
         self._scale_goal = float(scale)
 
     def _aim(self) -> None:
-        """Let the shares slide to what the mode and the hand's wish ask for."""
+        """Set the target engagement of each mode."""
         self._memory["moving_goal"] = self._engaged and self._mode == "translate"
         self._memory["turning_goal"] = self._engaged and self._mode == "rotate"
 
     def _slide_scale(self, elapsed: float) -> None:
-        step = min(max(elapsed, 0.0), self.gap) / _SLIDE
+        step = min(max(elapsed, 0.0), self.gap) / _SCALE_TIME_CONSTANT_S
         way = math.log(self._scale_goal / self._scale)
         self._scale = self._scale_goal if abs(way) <= step else self._scale * math.exp(math.copysign(step, way))
 
 
 def _explain_loss(R: Array) -> InputError:
-    """What is wrong with a rotor at R (3, 3) that no target can follow."""
+    """InputError for a rotor orientation R (3, 3) that no object can follow."""
     return InputError(
         f"the rotor is tilted beyond λ = ±{math.degrees(STEEPEST):.0f}°, or its orientation is unknown "
         f"(R_SR[0, 2] = {R[0, 2]:.4g}): the two-mode mapping is not defined there. Turn it back"
@@ -591,5 +592,5 @@ def _explain_loss(R: Array) -> InputError:
 
 @make_linkage.register(SphericalMotor)
 def _(device: SphericalMotor, gains: Gains | None = None) -> ModedLinkage:
-    """The linkage of a motor, whose handle moves a target through two modes; MOTOR_GAINS unless others are given."""
+    """Linkage of a motor, whose handle moves an object through two modes; MOTOR_GAINS by default."""
     return ModedLinkage(gains or MOTOR_GAINS, arm=device.rotor.handle_length)

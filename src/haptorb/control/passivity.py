@@ -1,4 +1,4 @@
-"""Energy that a loop makes out of nothing, watched as it runs; bounded damping against it, and a softer world.
+"""Passivity control: energy observer over sampling and delay, bounded damping injection, stiffness reduction.
 
 A passive world gives back at most what it was given. Rendered by a loop it gives more: the force of a place is held
 while the hand moves on, and is late. That excess is seen as it arises. Between two poses the device gave
@@ -30,29 +30,33 @@ from haptorb.control.guard import CREDIT, TICKS
 
 __all__ = ["OWN_DAMPING", "damp_wrench", "restart_passivity"]
 
-OWN_DAMPING = 1.0  #: that the loosest hand is assumed to have [N·s/m]
-_DEBT = 1e-2  #: more is not remembered [J]
-_MAX_DAMPING = 10.0  #: damping that is ever injected [N·s/m]
-_LIGHTEST = 0.1  #: mass of the lightest hand [kg]: late damping beyond a quarter of m/delay would itself oscillate
-_PAUSE = 0.1  #: after a longer pause without a pose the count continues from there [s]
-_SAME_TIME_S = 1e-9  #: poses nearer to each other are one [s]
-_MOVED = 1e-9  #: [m]; less is no movement
-_STRETCH = 0.25  #: over which motion and energy are summed up: an oscillation or more [s]
-_LASTS = 0.55  #: of the motion of the stretch before: more, twice in a row, does not die
-_STILL = (20e-6) ** 2  #: slower is no motion [m²/s²]
-_SHARE = 0.75  #: of what the loosest hand takes; a world that is softened already is softened on if it makes more
-_CUT = 0.65  #: what is left of the wrench after each stretch that does not die
-_CERTAIN = 6.25  #: (2.5)²: so many standard deviations the energy of a stretch must lie above none
-_REAL = 0.3  #: part of |v|² that must be left over several poses: less is noise of poses
-_BACK = 0.1  #: share of the wrench that returns while the hand moves without energy being made [1/s]
-_AWAY = 1.0  #: without a wrench, after which all of it is back [s]
-_SMOOTH = 0.005  #: over which a velocity is averaged [s]
-_EASE = 0.05  #: in which the wrench becomes softer [s]
+OWN_DAMPING = 1.0  #: minimum damping of a hand, assumed [N·s/m]
+_MAX_DEFICIT_J = 1e-2  #: limit on the accumulated energy deficit [J]
+_MAX_DAMPING = 10.0  #: limit on the injected damping [N·s/m]
+#: minimum effective mass of a hand [kg]: delayed damping beyond a quarter of m/delay would itself oscillate
+_MIN_HAND_MASS_KG = 0.1
+_MAX_POSE_GAP_S = 0.1  #: gap between poses after which the observer restarts [s]
+_SAME_TIME_S = 1e-9  #: poses with a smaller difference in time are the same [s]
+_MIN_MOTION_M = 1e-9  #: [m]; below is no movement
+_INTERVAL_S = 0.25  #: summation interval of motion and energy: an oscillation or more [s]
+#: ratio of motion to the interval before; above it, twice in a row, an oscillation is sustained
+_SUSTAINED_RATIO = 0.55
+_MIN_MEAN_SQUARE_VELOCITY = (20e-6) ** 2  #: mean square velocity below which there is no motion [m²/s²]
+#: of the energy dissipated by the minimum hand damping; threshold for a wrench that is reduced already
+_DISSIPATION_THRESHOLD = 0.75
+_REDUCTION_FACTOR = 0.65  #: factor on the wrench after each interval of sustained oscillation
+_SIGNIFICANCE = 6.25  #: (2.5)²: significance of the energy of an interval, in variances
+#: share of |v|² that must remain in a velocity over several poses: less is noise of the poses
+_MIN_COHERENT_MOTION = 0.3
+_RECOVERY_RATE = 0.1  #: rate at which the wrench recovers while the hand moves without generated energy [1/s]
+_FULL_RECOVERY_S = 1.0  #: time without a wrench after which it is fully restored [s]
+_VELOCITY_AVERAGING_S = 0.005  #: averaging time of the velocity [s]
+_REDUCTION_RAMP_S = 0.05  #: ramp time of a reduction of the wrench [s]
 
 
 @kernel
 def _average(q: Record, start: float, end: float) -> None:
-    """q.mean becomes the mean of what was asked from `start` to `end` [s]; each wrench acts until the next."""
+    """q.mean becomes the mean commanded wrench from `start` to `end` [s]; zero-order hold between wrenches."""
     q.mean[:] = 0.0
     until = np.inf
     for back in range(min(q.count, TICKS)):
@@ -69,20 +73,20 @@ def _average(q: Record, start: float, end: float) -> None:
 
 @kernel
 def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: float, late: float, gain: float) -> None:
-    """Count the energy between the last pose and this one, `passed` [s] later, and choose the damping."""
+    """Update the energy balance over the `passed` [s] from the last pose to this one, and choose the damping."""
     _average(q, q.stamp - q.lag, stamp - q.lag)  # safety: late-poses-meet-their-forces
     step = q.motion
     for i in range(3):
         step[i] = e.position[i] - q.position[i]
         step[3 + i] = 0.0
-    if q.arm > 0.0:  # the small turn R₂R₁ᵀ as a vector
+    if q.arm > 0.0:  # the small rotation R₂R₁ᵀ as a vector
         before, now = q.rotation, e.rotation
         for k in range(3):
             step[3] += 0.5 * (before[1, k] * now[2, k] - before[2, k] * now[1, k])
             step[4] += 0.5 * (before[2, k] * now[0, k] - before[0, k] * now[2, k])
             step[5] += 0.5 * (before[0, k] * now[1, k] - before[1, k] * now[0, k])
     given, due, square = 0.0, 0.0, 0.0
-    # where a part is not rendered, nothing moves or turns the tool but what the magnets do of themselves
+    # components that are not rendered: only the magnets' passive wrench acts there
     for i in range(0 if q.pushes else 3, 6 if q.arm > 0.0 else 3):
         given += q.mean[i] * step[i]
         due += 0.5 * (q.wrench[i] + gain * wrench[i]) * step[i]
@@ -90,23 +94,23 @@ def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: flo
     for i in range(6):
         step[i] /= passed
     q.energy += given
-    acted = False  # in free flight the hand's damping takes nothing of what the world gives
+    acted = False  # in free flight the hand's damping dissipates none of the world's energy
     for i in range(0 if q.pushes else 3, 6 if q.arm > 0.0 else 3):
         acted = acted or q.wrench[i] != 0.0 or wrench[i] != 0.0
     surplus = _count_surplus(q, wrench, passed)
     own = OWN_DAMPING * square / passed if acted else 0.0  # safety: no-credit-in-free-flight
     balance = q.balance + own - (given - due) - surplus
     _soften(q, stamp, passed, given - due + surplus, own, acted)
-    q.balance = min(max(balance, -_DEBT), CREDIT)
+    q.balance = min(max(balance, -_MAX_DEFICIT_J), CREDIT)
     q.damping = 0.0
-    if q.passive and balance < 0.0 and square > _MOVED * _MOVED:  # safety: active-worlds-are-left-alone
-        most = min(_MAX_DAMPING, 0.25 * _LIGHTEST / (q.dt + passed + late + q.lag))
+    if q.passive and balance < 0.0 and square > _MIN_MOTION_M * _MIN_MOTION_M:  # safety: active-worlds-are-left-alone
+        most = min(_MAX_DAMPING, 0.25 * _MIN_HAND_MASS_KG / (q.dt + passed + late + q.lag))
         q.damping = min(most, -balance * passed / square)  # safety: damping-is-bounded
 
 
 @kernel
 def _forget_motion(q: Record, stamp: float) -> None:
-    """Sum up anew from `stamp` [s]."""
+    """Restart the summation intervals at `stamp` [s]."""
     q.moved[:] = 0.0
     q.smooth[:] = 0.0
     q.made = q.spread = q.poses = q.taken = 0.0
@@ -115,12 +119,12 @@ def _forget_motion(q: Record, stamp: float) -> None:
 
 @kernel
 def _soften(q: Record, stamp: float, passed: float, made: float, own: float, acted: bool) -> None:
-    """Sum up what moved, what was `made` and what a loose hand took, `own` [J]; soften the world where motion lasts.
+    """Update the interval's sums of motion, energy `made` and dissipation `own` [J]; reduce a sustained oscillation.
 
     Damping that is late can take only so much. What goes on swinging although it makes energy is too stiff for this
     hand: of its wrench a share is taken away, until the motion dies by itself.
     """
-    blend = passed / (passed + _SMOOTH)
+    blend = passed / (passed + _VELOCITY_AVERAGING_S)
     square = 0.0
     for i in range(6 if q.arm > 0.0 else 3):
         q.smooth[i] += blend * (q.motion[i] - q.smooth[i])
@@ -132,18 +136,24 @@ def _soften(q: Record, stamp: float, passed: float, made: float, own: float, act
         q.spread += made * made
         q.poses += 1.0
         q.taken += own
-    elif stamp - q.touched > _AWAY:  # safety: stiffness-returns-in-free-space
+    elif stamp - q.touched > _FULL_RECOVERY_S:  # safety: stiffness-returns-in-free-space
         q.softer = q.softened = 0.0
-    if stamp - q.since < _STRETCH:
+    if stamp - q.since < _INTERVAL_S:
         return
-    lasts = q.moved[0] > _STILL * _STRETCH and q.moved[0] > _LASTS * q.moved[1] and q.moved[1] > _LASTS * q.moved[2]
-    most = q.taken if q.softer == 0.0 else _SHARE * q.taken  # within the loosest hand's bound no world is touched
-    likely = q.made * q.made > min(_CERTAIN, q.poses / 3.0) * q.spread  # noise of poses makes and takes by turns
-    likely = likely and OWN_DAMPING * q.moved[0] > _REAL * q.taken  # and moves from pose to pose, not over several
+    lasts = (
+        q.moved[0] > _MIN_MEAN_SQUARE_VELOCITY * _INTERVAL_S
+        and q.moved[0] > _SUSTAINED_RATIO * q.moved[1]
+        and q.moved[1] > _SUSTAINED_RATIO * q.moved[2]
+    )
+    # Within the dissipation of the minimum hand damping no world is changed.
+    most = q.taken if q.softer == 0.0 else _DISSIPATION_THRESHOLD * q.taken
+    # Noise of poses generates and dissipates energy alternately, and moves from pose to pose, not over several.
+    likely = q.made * q.made > min(_SIGNIFICANCE, q.poses / 3.0) * q.spread
+    likely = likely and OWN_DAMPING * q.moved[0] > _MIN_COHERENT_MOTION * q.taken
     if q.passive and lasts and likely and q.made > most:  # safety: lasting-oscillation-is-softened
-        q.softer = 1.0 - (1.0 - q.softer) * _CUT
-    elif lasts and q.made < 0.5 * _SHARE * q.taken:
-        q.softer = max(q.softer - _BACK * _STRETCH, 0.0)
+        q.softer = 1.0 - (1.0 - q.softer) * _REDUCTION_FACTOR
+    elif lasts and q.made < 0.5 * _DISSIPATION_THRESHOLD * q.taken:
+        q.softer = max(q.softer - _RECOVERY_RATE * _INTERVAL_S, 0.0)
     q.moved[2], q.moved[1], q.moved[0] = q.moved[1], q.moved[0], 0.0
     q.made = q.spread = q.poses = q.taken = 0.0
     q.since = stamp
@@ -151,7 +161,7 @@ def _soften(q: Record, stamp: float, passed: float, made: float, own: float, act
 
 @kernel
 def _count_surplus(q: Record, wrench: Array, passed: float) -> float:
-    """By how much the energy that the world's time step has made grew since the last pose, `passed` [s] ago [J]."""
+    """Increase of the energy generated by the world's time step since the last pose, `passed` [s] ago [J]."""
     made = q.stored - q.counted
     if not np.isfinite(made):
         return 0.0
@@ -164,7 +174,8 @@ def _count_surplus(q: Record, wrench: Array, passed: float) -> float:
 
 @kernel
 def _remember_wrench(q: Record, now: float, gain: float, wrench: Array) -> None:
-    """From `now` [s] on `gain` times `wrench` (6,) [N, N·m] acts; what acts too shortly is averaged with its past."""
+    """Store `gain` times `wrench` (6,) [N, N·m], acting from `now` [s] on; merged with the last entry if too close in
+    time."""
     last = (q.count - 1) % TICKS
     since = now - q.times[last]
     if q.count > 0 and 0.0 < since < q.spacing:
@@ -180,13 +191,13 @@ def _remember_wrench(q: Record, now: float, gain: float, wrench: Array) -> None:
 
 @kernel
 def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, out: Array) -> None:
-    """Bring the balance up to this tick's pose; out (6,) becomes `wrench` (6,) and the damping that it needs.
+    """Update the observer at this tick's pose; out (6,) becomes `wrench` (6,) plus the required damping wrench.
 
     q is a PASSIVITY, e an ESTIMATE, now the time [s]; gain 0 to 1 is what the guard lets through. In [N, N·m].
     """
     total = now + e.age
     moved = 0.0
-    q.softened += (q.softer - q.softened) * min(q.dt / _EASE, 1.0)
+    q.softened += (q.softer - q.softened) * min(q.dt / _REDUCTION_RAMP_S, 1.0)
     left = 1.0 - q.softened
     for i in range(6):
         total += wrench[i]
@@ -200,7 +211,8 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
         q.stamp, q.damping = -np.inf, 0.0
         return
     stamp = now - max(e.age, 0.0)
-    if moved > _MOVED and stamp <= q.newest:  # its stamp stands while it moves: it is of now, as predicted
+    # A constant stamp while the pose moves: it is a prediction for the present.
+    if moved > _MIN_MOTION_M and stamp <= q.newest:
         if q.predicted <= 0:
             q.stamp = -np.inf
         q.predicted = TICKS
@@ -209,13 +221,13 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
         q.predicted -= 1
         stamp = now
     passed = stamp - q.stamp
-    if passed > _PAUSE or passed < 0.0:
+    if passed > _MAX_POSE_GAP_S or passed < 0.0:
         q.motion[:] = 0.0
         q.damping = 0.0
         _forget_motion(q, stamp)
     elif passed > _SAME_TIME_S:
         _count_energy(q, e, wrench, stamp, passed, now - stamp, gain * left)
-        needed = now - stamp + 2.0 * passed + q.lag  # until the next pose, back to this one
+        needed = now - stamp + 2.0 * passed + q.lag  # from this pose to the next one and back
         q.spacing = needed / (TICKS - 8) if needed > (TICKS - 8) * q.dt else 0.0
     if passed > _SAME_TIME_S or passed < 0.0:
         q.stamp = stamp
@@ -235,7 +247,7 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
 
 
 def restart_passivity(passivity: Records, passive: bool) -> None:
-    """Another world, `passive` or not: what is asked from now on has nothing to do with what was; (1,) PASSIVITY."""
+    """Restart the observer (1,) PASSIVITY for another world, `passive` or not: earlier wrenches do not count."""
     for name in ("energy", "damping", "predicted", "count", "motion", "surplus", "softer", "spacing"):
         passivity[name] = 0
     passivity["stored"] = passivity["counted"] = np.nan

@@ -1,4 +1,4 @@
-"""The one door to protection: the last word before the coils.
+"""Protection of device and user: limits on wrench and current before the coils.
 
 Nothing passes that is not finite, bounded, slewed, fresh and cool enough. The loop calls `protect_wrench` before the
 allocator and `protect_currents` after it.
@@ -39,9 +39,9 @@ __all__ = ["Protection", "protect_currents", "protect_wrench", "skip_tick"]
 
 
 # --------------------------------------------------------------------------------------------------
-# Protection of one tick in two compiled passes, because the allocator lies between: of the wrench, of the currents.
+# Protection of one tick in two compiled passes, before and after the allocator: of the wrench, then of the currents.
 #
-# They string the rules together: passivity control and guard; then current check, heat, guard and drive.
+# Order of the rules: passivity control and guard; then current check, heat, guard and drive.
 
 
 _SAMPLE, _MISMATCH = int(Trip.SAMPLE_NOT_FINITE), int(Trip.CURRENT_MISMATCH)
@@ -52,9 +52,9 @@ def protect_wrench(
     state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
     reversed: bool, client: Records,
 ) -> None:  # fmt: skip
-    """A tick begins at `now` [s]: what may be asked of the coils for the world's `wrench` (6,) [N, N·m] is in
-    guard.asked of `state`, (1,) PROTECTION: passed over, damped, then limited. The part of it that `client`, (1,)
-    CLIENT_FORCE, commands is in guard.commanded. The rest is the estimate's."""
+    """Start a tick at `now` [s]: the part of the world's `wrench` (6,) that may be commanded, after client rate limits,
+    damping and limits, is in guard.asked of `state`, (1,) PROTECTION. The part of it that `client`, (1,)
+    CLIENT_FORCE, commands is in guard.commanded. `estimate` gives pose and motion."""
     s = state[0]
     g, e = s.guard, s.estimate
     _keep_estimate(e, p, R, v, w)
@@ -71,7 +71,7 @@ def protect_currents(
     state: Records, coils: Records, wanted: Array, matrix: Array, currents: Array, age: float, temperatures: Array,
     applied: Array, duties: Array,
 ) -> None:  # fmt: skip
-    """duties (m,) become what may be applied for `wanted` currents (m,) [A]: limited, then driven; zero when it is off.
+    """Fill duties (m,) for the `wanted` currents (m,) [A]: limited, then driven; zero when the guard is off.
 
     state (1,) PROTECTION and coils (m,) COIL; matrix (6, m) wrench per ampere; currents (m,) [A], `age` [s] old, and
     temperatures (m,) [K] are readings; applied (m,) are the duties since the last tick.
@@ -83,7 +83,7 @@ def protect_currents(
     plausible = check_currents(clock, coils, age)
     reason = check_readings(coils)
     if reason == _SAMPLE:
-        trip(g, _SAMPLE)  # and nothing is learned from it
+        trip(g, _SAMPLE)  # and the sample is not used for estimation
     else:
         observe_heat(heat, coils, clock.elapsed)  # safety: windings-heat-by-the-clock
         if reason != 0:
@@ -102,7 +102,7 @@ def protect_currents(
 
 @kernel
 def skip_tick(state: Records, now: float) -> None:
-    """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
+    """Advance by a tick at `now` [s] without readings: time passes, and the heat is updated later."""
     s = state[0]
     begin_tick(s.clock, s.guard, now)
     s.heat.pending += s.clock.elapsed
@@ -127,7 +127,7 @@ def _keep_readings(coils: Records, matrix: Array, currents: Array, temperatures:
 
 @kernel
 def _induce(e: Record, coils: Records) -> None:
-    """What the coils push against: the power that they give to the mover, per ampere."""
+    """Back-EMF of the coils: the mechanical power delivered to the mover, per ampere."""
     for j in range(coils.size):
         c = coils[j]
         c.emf = 0.0
@@ -156,13 +156,13 @@ class Protection(Stateful):
         self.state: Records = make_state(device, dt, arm, lag)
         self.duties: Array = state_zeros(device.channels)
         self._guard: Records = self.state["guard"]
-        # Read and written in every tick: single numbers go through a memoryview twice as fast.
+        # Read and written in every tick: access to scalars through a memoryview is twice as fast.
         self._state: Any = self._guard["state"].data
         self._stored: Any = self.state["passivity"]["stored"].data
         self.asked: Array = self._guard["asked"][0]
         self.commanded: Array = self._guard["commanded"][0]
         self._nobody = make_client_force()
-        spare = self.state.copy()  # compiled now, and not when it is needed
+        spare = self.state.copy()  # compiled at construction, not in the loop
         skip_tick(spare, 0.0)
         guard.trip(spare["guard"][0], int(Trip.NONE))
 
@@ -171,28 +171,28 @@ class Protection(Stateful):
         return {"state": self.state, "coils": self.coils, "duties": self.duties}
 
     def apply_state(self) -> None:
-        """Raises ValueError for a state or reason that there is not."""
+        """Check the restored state. Raises ValueError for an unknown state or reason."""
         GuardState(int(self._guard["state"][0]))
         Trip(int(self._guard["reason"][0]))
 
     @property
     def guard_state(self) -> GuardState:
-        """What the guard is doing."""
+        """State of the guard."""
         return GuardState(int(self._state[0]))
 
     @property
     def reason(self) -> Trip:
-        """Why the coils are off."""
+        """Reason why the coils are off."""
         return Trip(int(self._guard["reason"][0]))
 
     @property
     def gain(self) -> float:
-        """The share of the wrench that is let through now, 0 to 1."""
+        """Factor on the wrench now, 0 to 1."""
         return float(self._guard["gain"][0])
 
     @property
     def tripped(self) -> bool:
-        """Whether the coils are off for a reason, until a person engages."""
+        """Whether the coils are off, latched, until a person engages."""
         return bool(self._state[0] == _TRIPPED)
 
     @property
@@ -201,11 +201,11 @@ class Protection(Stateful):
         return self.guard_state not in (GuardState.OFF, GuardState.TRIPPED)
 
     def trip(self, reason: Trip) -> None:
-        """Coils off, latched. The first reason stands until `engage`; a later one does not hide it."""
+        """Switch the coils off, latched. The first reason remains until `engage`; later ones do not replace it."""
         guard.trip(self._guard[0], int(reason))
 
     def engage(self) -> bool:
-        """Leave OFF or TRIPPED and ramp up from zero; False if the reason is still there."""
+        """Leave OFF or TRIPPED and ramp up from zero; False if the reason is still present."""
         if self.engaged:
             return True
         coils, g = self.coils, self._guard
@@ -214,28 +214,29 @@ class Protection(Stateful):
             return False
         g["state"], g["reason"] = GuardState.RAMPING, Trip.NONE
         g["gain"] = 0.0  # safety: engaging-ramps-from-zero
-        # What the check learned before may belong to a sensor that was repaired meanwhile.
+        # Estimates of the current check may come from a sensor that was repaired meanwhile.
         coils["ratio"] = 1.0
         for name in ("residual", "level", "change", "square", "product"):
             coils[name] = 0.0
         return True
 
     def start(self, estimate: Estimate) -> None:
-        """Engage with the first valid `estimate`. What was off for a reason stays off."""
+        """Engage at the first valid `estimate`. A latched trip remains."""
         if self._state[0] == _OFF:  # safety: a-stop-before-the-first-pose-stands
             self._guard["fresh"] = estimate.valid and estimate.age <= self._guard["expiry"][0]
             self.engage()
 
     def change_world(self, *, passive: bool, other: bool = False) -> None:
-        """The world, `passive` or not, has changed: the balance of energy restarts, and the wrench goes over to the new
-        one at the device's rate limits; through zero, if it is an `other` world and not the same with other values."""
+        """Restart the energy balance for a new world, `passive` or not, and change its wrench over at the
+        device's rate limits; through zero if it is an `other` world, not the same with other values."""
         restart_passivity(self.state["passivity"], passive)
         leaving = other or bool(self._guard["leaving"][0])  # safety: worlds-pass-zero
-        rendered = self.engaged or self.gain > 0.0  # nothing has to be left where nothing is rendered
+        rendered = self.engaged or self.gain > 0.0  # no change-over is needed where nothing is rendered
         self._guard["leaving"], self._guard["arriving"] = rendered and leaving, rendered and not leaving
 
     def change_part(self, *, pushes: bool, arm: float) -> None:
-        """Another part of the wrench is rendered: force or not, and torque that a hand holds at `arm` [m], 0 for none.
+        """Change the rendered part of the wrench: force or not, and torque with the hand's lever arm `arm` [m], 0 for
+        none.
 
         The balance of energy restarts.
         """
@@ -244,16 +245,16 @@ class Protection(Stateful):
         restart_passivity(passivity, bool(passivity["passive"][0]))
 
     def restart_heat(self) -> None:
-        """Take the windings to be as warm as the next reading of the thermometers; for coils that are simulated."""
+        """Initialise the windings at the temperature of the next thermometer reading; for coils that are simulated."""
         self.state["heat"]["started"] = False
         self.coils["load"] = 0.0
 
     def excuse_lateness(self) -> None:
-        """Do not count the lateness of the next tick towards an overrun; for a device that is simulated."""
+        """Exclude the lateness of the next tick from the overrun count; for a device that is simulated."""
         self.state["clock"]["excused"] = True
 
     def skip_tick(self, now: float) -> None:
-        """A tick at `now` [s] in which nothing could be read: time passes, and the windings are observed later."""
+        """Advance by a tick at `now` [s] without readings: time passes, and the heat is updated later."""
         skip_tick(self.state, now)
 
     def protect_wrench(
@@ -274,7 +275,8 @@ class Protection(Stateful):
         return self.asked
 
     def protect_currents(self, wanted: Array, estimate: Estimate, sample: Sample, applied: Array) -> Array:
-        """(m,) the duties for what may flow of `wanted` (m,) [A], with the duties `applied` (m,) since the last tick.
+        """(m,) duties for the part of `wanted` (m,) [A] that may flow, after `applied` (m,), the duties since the last
+        tick.
 
         Currents within limits and slew, derated when warm, zero when off or tripped. Duties in −1 to 1.
         """

@@ -28,7 +28,7 @@ __all__ = ["describe_choice", "has_choice", "make_allocator", "make_choice"]
 @device_function
 @singledispatch
 def make_allocator(device: Device) -> Allocator:
-    """The allocator of `device`, by its kind. Raises InputError for a kind that has none."""
+    """Create the allocator of `device`, by its kind. Raises InputError for a kind that has none."""
     raise unsupported(device, "`haptorb run`", make_allocator)
 
 
@@ -56,7 +56,7 @@ def has_choice(device: Device) -> bool:
 @device_function
 @singledispatch
 def describe_choice(device: Device, choice: WrenchChoice) -> tuple[str, ...]:
-    """A sentence or two for each of `PARTS`, by its number in recordings; empty where there is nothing to say."""
+    """One or two sentences for each of `PARTS`, indexed by its number in recordings; empty where none is needed."""
     return ()
 
 

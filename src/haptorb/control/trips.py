@@ -1,4 +1,4 @@
-"""Why the coils are off: every reason has a code that recordings keep, a sentence, and what to do."""
+"""Trip reasons: each has a code for recordings, a sentence, and the user's remedy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["CoilState", "GuardState", "Trip"]
 
 
 class GuardState(IntEnum):
-    """What the guard is doing; the numbers stand in recordings and never change."""
+    """State of the guard; the numbers are stored in recordings and never change."""
 
     OFF = 0
     RAMPING = 1
@@ -18,7 +18,7 @@ class GuardState(IntEnum):
 
 
 class CoilState(IntEnum):
-    """Whether current can flow, as the device itself confirmed.
+    """Confirmed by the device: whether current can flow.
 
     The numbers are stored in recordings and never change.
 
@@ -38,7 +38,7 @@ class CoilState(IntEnum):
 
 
 class Trip(IntEnum):
-    """Reasons to switch off; the numbers stand in recordings and never change."""
+    """Reasons for a trip; the numbers are stored in recordings and never change."""
 
     NONE = 0
     STOPPED = 1
@@ -61,7 +61,7 @@ class Trip(IntEnum):
 
     @property
     def text(self) -> str:
-        """One sentence: what happened, and what to do.
+        """One sentence: cause and remedy.
 
         >>> Trip.STOPPED.text
         'Stopped by hand. Re-engage when you are ready.'

@@ -1,1 +1,1 @@
-"""From what was measured to the state of the tool: Sample in, Estimate out."""
+"""State estimation: from the sensor readings of a tick (Sample) to the mover's state (Estimate)."""

@@ -1,4 +1,4 @@
-"""What calibration found of one device, as one versioned JSON text that names the device it belongs to."""
+"""Calibration of one device as a versioned JSON text with the device's digest."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 FORMAT = "haptorb-calibration-1"
 _KEYS = {"format", "device", "digest", "moment_per_current_m2", "uncertainty_m2", "offsets_t", "resistance_ohm",
          "residual_t", "condition", "repeatability", "heat", "simulated"}  # fmt: skip
-_MAX_COIL_OFFSET_M = 5e-3  #: that a coil can be off its place [m]
+_MAX_COIL_OFFSET_M = 5e-3  #: maximum plausible offset of a coil [m]
 _OPTIONAL = {
     "field_sensors", "coils", "centres_m", "centre_uncertainty_m", "magnet_strength", "magnet_strength_uncertainty",
 }  # fmt: skip
@@ -47,13 +47,13 @@ _HEAT = ("winding_capacity", "body_capacity", "winding_to_body", "body_to_air")
 
 @dataclass(frozen=True)
 class MeasuredHeat:
-    """Winding and body of each coil, and what couples the coils; None: they do not warm each other."""
+    """Measured winding and body of each coil, and the coupling of the coils; None: not coupled."""
 
     model: TwoNode
     coupling: HeatCoupling | None = None
 
     def apply(self, device: SphericalElectromagnet) -> Heat:
-        """The heat of `device` with what was measured; CalibrationError if it does not fit the coils."""
+        """Thermal model of `device` with the measured values; CalibrationError if it does not match the coils."""
         heat, coupling = device.coils.heat, self.coupling
         if (coupling is None) != (heat.coupling is None):
             measured, file = ("uncoupled", "couples them") if coupling is None else ("coupled", "does not couple them")
@@ -71,7 +71,7 @@ class MeasuredHeat:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Measured values of the device whose file has `digest`; they take the places of the file's.
+    """Measured values of the device whose file has `digest`; they replace those of the file.
 
     moment_per_current  (3, m) [m²] and its standard deviations, uncertainty (3, m)
     offsets             (k, 3) [T] of the field sensors at zero current, without a tool
@@ -106,7 +106,7 @@ class Calibration:
     strength_uncertainty: float | None = None
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
-        """`device` with what was measured; CalibrationError if the calibration is another device's."""
+        """`device` with the measured values; CalibrationError if the calibration belongs to another device."""
         if device.digest != self.digest:
             raise CalibrationError(
                 f"the calibration belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not to "
@@ -135,11 +135,11 @@ class Calibration:
 
     @property
     def id(self) -> bytes:
-        """16 bytes that name this very calibration: the beginning of its text's SHA-256. A device may keep them."""
+        """16 bytes that identify this calibration: the beginning of its text's SHA-256. A device may store them."""
         return hashlib.sha256(self.text().encode()).digest()[:16]
 
     def text(self) -> str:
-        """As JSON, every digit kept."""
+        """As JSON, with full precision."""
         heat: dict[str, Any] | None = None
         if self.heat is not None:
             heat = {name: getattr(self.heat.model, name) for name in _HEAT}
@@ -169,7 +169,7 @@ class Calibration:
 
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
-        """From JSON; `name` is the name for messages. CalibrationError if it is no calibration."""
+        """Parse JSON; `name` is used in messages. CalibrationError if it is no calibration."""
         raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", _OPTIONAL)
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
@@ -179,7 +179,7 @@ class Calibration:
             )
         if not isinstance(raw["simulated"], bool):
             raise CalibrationError(f"{name}: simulated must be true or false; got {quote(raw['simulated'])}")
-        coils = raw.get("coils", "points")  # what earlier versions took them for
+        coils = raw.get("coils", "points")  # the model that earlier versions used
         if coils not in ("points", "windings"):
             raise CalibrationError(f'{name}: coils must be "points" or "windings"; got {quote(coils)}')
         resistance = numbers(raw, "resistance_ohm", name, (channels,))
@@ -255,26 +255,26 @@ def _heat(raw: Any, channels: int, name: str) -> MeasuredHeat | None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Calibrations and trackers' frames as files: written whole or not at all, and never over another by accident.
+# Files of calibrations and tracker frames: written atomically, and never overwritten by accident.
 
 
 _MAX_FILE_BYTES = 1024 * 1024  #: bytes
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """The calibration in the file; CalibrationError if it cannot be read or is none."""
+    """Read a calibration from a file; CalibrationError if it cannot be read or is none."""
     return Calibration.parse(
         read_text(path, "calibration", CalibrationError, _MAX_FILE_BYTES, FileKind.CALIBRATION), str(path)
     )
 
 
 def read_frame(path: str | Path) -> TrackerFrame:
-    """The tracker's frame in the file; CalibrationError if it cannot be read or is none."""
+    """Read a tracker's frame from a file; CalibrationError if it cannot be read or is none."""
     return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MAX_FILE_BYTES, FileKind.FRAME), str(path))
 
 
 def check_writable(path: str | Path, *, overwrite: bool) -> Path:
-    """`path`, if a calibration or frame may be written there; asked before anything is measured.
+    """`path`, if a calibration or frame may be written there; checked before any measurement.
 
     Raises CalibrationError if the file exists and `overwrite` is not set, or if there is no folder for it.
     """
@@ -287,13 +287,13 @@ def check_writable(path: str | Path, *, overwrite: bool) -> Path:
             raise CalibrationError(f"{path}: the folder '{place.parent}' does not exist")
     except OSError as cause:
         raise CalibrationError(f"cannot write {path}: {cause.strerror}") from cause
-    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or the folder of an unknown user
+    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or the home folder of an unknown user
         raise CalibrationError(f"cannot write {str(path)!r}: not the name of a file") from cause
     return place
 
 
 def write_calibration(calibration: Calibration, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the file; nothing is written half.
+    """Write the file atomically.
 
     Raises CalibrationError for what `check_writable` does not allow, or if the system cannot write it.
     """
@@ -301,7 +301,7 @@ def write_calibration(calibration: Calibration, path: str | Path, *, overwrite: 
 
 
 def write_frame(frame: TrackerFrame, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the file; nothing is written half. Raises CalibrationError as `write_calibration` does."""
+    """Write the file atomically. Raises CalibrationError as `write_calibration` does."""
     _write(frame.text(), path, overwrite)
 
 

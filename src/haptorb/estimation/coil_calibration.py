@@ -1,4 +1,4 @@
-"""What an ampere does to the electromagnet's moment, measured by the field sensors: Zárate 2020 eq. (5), Fig. 7.
+"""Magnetic calibration: moment per ampere of the coils from the field sensors: Zárate 2020 eq. (5), Fig. 7.
 
 Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + H_s i + b_s, with
 U_s the field of a unit moment at sensor s, and H_s what a coil of known size adds to its dipole's field. The
@@ -40,17 +40,18 @@ __all__ = [
 ]
 
 
-_DEAD = 0.2  #: share of the wanted current below which a coil counts as not connected
-_AMISS = 0.5  #: share of the greatest wanted current by which the current of a coil that switches is never wrong
-_SILENT = 0.2  #: share of the expected field below which a sensor does not answer
-_SENSORS_PER_SILENT = 4  #: one of so many sensors may be missing
-_ROUNDS, _SETTLED = 30, 1e-9  #: of the regression of coils with sizes: at the most, and relative
-_ALIKE = 0.8  #: cosine from which a coil's moment counts as being along another coil's axis
+_MIN_CURRENT_SHARE = 0.2  #: share of the commanded current below which a coil counts as not connected
+_SWITCHING_TOLERANCE = 0.5  #: tolerance of the current of a switching coil, relative to the largest commanded current
+_MIN_FIELD_SHARE = 0.2  #: share of the expected field below which a sensor does not respond
+_SENSORS_PER_SILENT = 4  #: one in so many sensors may be missing
+#: iteration limit of the regression of coils with finite size, and its relative tolerance
+_MAX_ITERATIONS, _ITERATION_TOLERANCE = 30, 1e-9
+_SAME_AXIS_COSINE = 0.8  #: cosine above which a coil's moment counts as being along another coil's axis
 
 
 @dataclass(frozen=True)
 class MagneticCalibration:
-    """The regression's result, and how far it may be trusted.
+    """Result of the regression, with its uncertainty.
 
     moment_per_current  (3, m) [m²]: m_e = moment_per_current @ currents
     uncertainty         (3, m) standard deviation of each entry [m²]
@@ -74,7 +75,7 @@ class MagneticCalibration:
     centre_uncertainty: Array | None = None
 
     def skew(self, names: tuple[str, ...]) -> dict[tuple[str, str], float]:
-        """Angle between each two coils' axes, less 90° [rad]."""
+        """Angle between each pair of coil axes, minus 90° [rad]."""
         axes = self.moment_per_current / np.linalg.norm(self.moment_per_current, axis=0)
         return {
             (names[i], names[j]): -float(np.arcsin(np.clip(axes[:, i] @ axes[:, j], -1, 1)))
@@ -89,7 +90,7 @@ class MagneticCalibration:
 
 
 def excitation(device: SphericalElectromagnet, share: float = 0.25, levels: int = 5, repeats: int = 4) -> Array:
-    """(n, m) [A] a schedule: each coil alone through ± `levels` up to `share` of its limit, with rests at zero between.
+    """(n, m) [A] excitation: each coil alone through ± `levels` up to `share` of its limit, with zero current between.
 
     A quarter of full current heats a coil by less than a kelvin per step of 20 ms.
 
@@ -151,7 +152,7 @@ def magnetic_calibration(
 
 
 def _project(axes: Array, places: int) -> Array:
-    """(k, 3, 3) what a sensor makes of a field: its part along the sensor's axis."""
+    """(k, 3, 3) projection of a field onto the measured axis of each sensor."""
     if axes.shape != (places, 3) or not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
         raise InputError(f"axes must be {places} unit vectors; got shape {axes.shape}")
     projection: Array = axes[:, :, None] * axes[:, None, :]
@@ -175,21 +176,21 @@ def _regress(
     C = np.einsum("sji,sjk->ik", U, U)
     if np.linalg.cond(S) > 1e6:
         raise InputError("the currents do not excite every coil separately; use the schedule of `excitation`")
-    per_ampere = np.einsum("nsi,nm->sim", y, x) @ np.linalg.inv(S)  # (k, 3, m) [T/A] as it was read
+    per_ampere = np.einsum("nsi,nm->sim", y, x) @ np.linalg.inv(S)  # (k, 3, m) [T/A] as measured
 
     def solve(beyond: Array) -> Array:
-        """(3, m) moments, seen from far away, with `beyond` (k, 3, m) taken off what each sensor reads."""
+        """(3, m) far-field moments, after subtracting `beyond` (k, 3, m) from the sensor readings."""
         found: Array = np.linalg.solve(C, np.einsum("sji,sjm->im", U, per_ampere - beyond))
         return found
 
     M = solve(np.zeros_like(per_ampere))
     beyond = np.zeros_like(per_ampere)
     if device.windings is not None and device.has_sizes:
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_ITERATIONS):
             before = M
             beyond = visible @ device.windings.field(device.core, M, np.inf, at) - U @ M
             M = solve(beyond)
-            if np.abs(M - before).max() < _SETTLED * np.abs(M).max():
+            if np.abs(M - before).max() < _ITERATION_TOLERANCE * np.abs(M).max():
                 break
         else:
             raise CalibrationError(
@@ -203,7 +204,7 @@ def _regress(
         M, found, centre_uncertainty = _find_centres(device, visible, per_ampere, M, noise)
         made = visible @ device.windings.field(device.core, M, np.inf, at, centres=found)
     rest = y - np.einsum("sim,nm->nsi", made, x)
-    directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # that are measured at all
+    directions = round(float(np.trace(visible, axis1=1, axis2=2).sum()))  # number of measured field components
     freedom = max(1, len(i) * directions - M.size - directions)
     variance = float((rest**2).sum() / freedom)
     stated = np.linalg.norm(device.moment_per_current, axis=0) / np.linalg.norm(device.far_moments, axis=0)
@@ -215,16 +216,16 @@ def _regress(
     )
 
 
-_AROUND = 1e-5  #: of a derivative by a place or a size [m]
-_SMALL = 1e-4  #: of a derivative by a moment, relative
-_SHAPE = 1e-3  #: of the field, what a coil off its place changes in its form beside its place
-_NEWTON = 3  #: steps of the most likely centres: the field is nearly linear in them
+_STEP_M = 1e-5  #: step of a difference quotient by position or size [m]
+_RELATIVE_STEP = 1e-4  #: relative step of a difference quotient by a moment
+_SHAPE = 1e-3  #: model error from the shape of an offset coil's field, relative to the field
+_NEWTON_ITERATIONS = 3  #: Newton iterations for the most likely centres: the field is nearly linear in them
 
 
 def _find_centres(
     device: SphericalElectromagnet, visible: Array, per_ampere: Array, M: Array, noise: Array
 ) -> tuple[Array, Array, Array]:
-    """Moments (3, m) [m²], seen from far away, centres (m, 3) [m] and their standard deviations: the most likely ones.
+    """Most likely far-field moments (3, m) [m²] and centres (m, 3) [m], with their standard deviations.
 
     per_ampere (k, 3, m) [T/A] was read, with variances `noise` (m,) [T²/A²]; M are moments without centres. Before
     anything is read, centres are as [tolerance] says: a winding's own part of the moment moves with the winding, the
@@ -240,7 +241,7 @@ def _find_centres(
     sensor = [s for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
 
     def read(field: Array) -> Array:
-        """(rows · m,) what is read of a field (k, 3, m)."""
+        """(rows · m,) readings of a field (k, 3, m)."""
         return np.stack([row @ field[s] for row, s in zip(rows, sensor, strict=True)]).ravel()
 
     def model(moments: Array, centres: Array, places: Array = at, sizes: Windings = windings) -> Array:
@@ -258,7 +259,7 @@ def _find_centres(
     centres, rest = np.zeros((channels, 3)), np.kron(np.eye(len(rows)), np.diag(noise))
     base = model(M, centres)
     lasting: list[Array] = []
-    slopes = [(model(M, centres, at + _AROUND * e) - base) / _AROUND for e in np.eye(3)]
+    slopes = [(model(M, centres, at + _STEP_M * e) - base) / _STEP_M for e in np.eye(3)]
     for s in range(len(at)):
         for axis in np.eye(3):
             turned, moved = np.zeros_like(base), np.zeros_like(base)
@@ -270,8 +271,8 @@ def _find_centres(
                 mixed[s] = np.outer(axis, other @ base[s])
                 lasting.append((hall.gain if axis @ other else hall.cross) * read(mixed))
     for name in ("inner_radius", "outer_radius", "length"):
-        larger = replace(windings, **{name: getattr(windings, name) + _AROUND})
-        change = (model(M, centres, sizes=larger) - base) / _AROUND
+        larger = replace(windings, **{name: getattr(windings, name) + _STEP_M})
+        change = (model(M, centres, sizes=larger) - base) / _STEP_M
         for coil in np.eye(channels):
             lasting.append(known.winding * read(change * coil))
     shape = _SHAPE * np.linalg.norm(base, axis=1)  # (k, m)
@@ -279,20 +280,20 @@ def _find_centres(
     columns = np.stack(lasting, axis=1)
     weight = np.linalg.inv(rest + columns @ columns.T)
     inverse = np.linalg.inv(prior)
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_ITERATIONS):
         base = model(M, centres)
         design = []
         for i in range(3):
             for j in range(channels):
                 more = M.copy()
-                step = _SMALL * float(np.linalg.norm(M[:, j]))
+                step = _RELATIVE_STEP * float(np.linalg.norm(M[:, j]))
                 more[i, j] += step
                 design.append(read(model(more, centres) - base) / step)
         for j in range(channels):
             for axis in np.eye(3):
                 moved = centres.copy()
-                moved[j] += _AROUND * axis
-                design.append(read(model(M, moved) - base) / _AROUND)
+                moved[j] += _STEP_M * axis
+                design.append(read(model(M, moved) - base) / _STEP_M)
         A = np.stack(design, axis=1)
         normal, right = A.T @ weight @ A, A.T @ weight @ (read(per_ampere) - read(base))
         normal[M.size :, M.size :] += inverse
@@ -305,7 +306,7 @@ def _find_centres(
 
 
 def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:
-    """Sensors, from 0, whose readings (n, k, 3) [T] stay where they are while `currents` (n, m) [A] flow.
+    """Sensors, from 0, whose readings (n, k, 3) [T] do not respond while `currents` (n, m) [A] flow.
 
     Raises CalibrationError that names them where they are more than a quarter: then it is not the sensors.
     """
@@ -313,7 +314,7 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
     swing = fields - fields.mean(axis=0)
     modelled = np.einsum("sim,nm->nsi", device.coil_fields(at), x)
     signal, answer = (np.sqrt((part**2).mean(axis=(0, 2))) for part in (modelled, swing))
-    silent = tuple(int(s) for s in np.flatnonzero(answer < _SILENT * signal))
+    silent = tuple(int(s) for s in np.flatnonzero(answer < _MIN_FIELD_SHARE * signal))
     if len(silent) > device.sensors // _SENSORS_PER_SILENT:
         names = ", ".join(str(s + 1) for s in silent)
         raise CalibrationError(
@@ -325,7 +326,7 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
 
 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
-    """Every coil must carry its commanded current in both directions, and no other: `wanted`, `measured` (n, m) [A].
+    """Check that each coil carries its commanded current in both directions, and no other: (n, m) [A].
 
     Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
     """
@@ -339,17 +340,17 @@ def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Ar
 
 
 def check_switching(device: SphericalElectromagnet, wanted: Array, measured: Array, full: Array) -> None:
-    """One reading: `wanted` and `measured` (m,) [A], `full` (m,) [A] the greatest currents that are wanted at all.
+    """Check one reading: `wanted` and `measured` (m,) [A], `full` (m,) [A] the largest commanded currents.
 
     Raises CalibrationError that names a coil which does not conduct, or carries an unwanted current.
     """
     for name, want, flowing, most in zip(device.coils.names, wanted, measured, full, strict=True):
-        if abs(want) >= _AMISS * most and abs(flowing) < _DEAD * abs(want):
+        if abs(want) >= _SWITCHING_TOLERANCE * most and abs(flowing) < _MIN_CURRENT_SHARE * abs(want):
             raise CalibrationError(
                 f"coil '{name}' carries {flowing:.2g} A instead of {want:.3g} A: the coil is unplugged, or its "
                 "current sensor is; check the connector and the fuse"
             )
-        if abs(flowing - want) > _AMISS * most:
+        if abs(flowing - want) > _SWITCHING_TOLERANCE * most:
             raise CalibrationError(
                 f"coil '{name}' carries {flowing:.2g} A where {want:.3g} A should flow: it does not switch. "
                 "Switch off the coils' supply, and check the coil's bridge, its driver and its wiring"
@@ -357,18 +358,18 @@ def check_switching(device: SphericalElectromagnet, wanted: Array, measured: Arr
 
 
 def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
-    """Compare each coil's axis with those of the device file: the same, another's, or the other way round?"""
+    """Compare each coil's axis with those of the device file: the same, another coil's, or reversed."""
     names, nominal = device.coils.names, device.moment_per_current
     cosine = (measured / np.linalg.norm(measured, axis=0)).T @ (nominal / np.linalg.norm(nominal, axis=0))
     for coil, name in enumerate(names):
         like = int(np.abs(cosine[coil]).argmax())
-        if like != coil and abs(cosine[coil, like]) > _ALIKE:
+        if like != coil and abs(cosine[coil, like]) > _SAME_AXIS_COSINE:
             raise CalibrationError(
                 f"coil '{name}' produces the moment of coil '{names[like]}': swap their connectors back"
             )
-        if cosine[coil, coil] < -_ALIKE:
+        if cosine[coil, coil] < -_SAME_AXIS_COSINE:
             raise CalibrationError(f"coil '{name}' produces a reversed moment: swap its two wires")
-        if cosine[coil, coil] < _ALIKE:
+        if cosine[coil, coil] < _SAME_AXIS_COSINE:
             off = np.degrees(np.arccos(np.clip(cosine[coil, coil], -1, 1)))
             raise CalibrationError(
                 f"coil '{name}' points {off:.0f}° away from its direction in the device file; check that it is "
@@ -379,7 +380,7 @@ def _check_wiring(device: SphericalElectromagnet, measured: Array) -> None:
 def _check_sensors(
     device: SphericalElectromagnet, visible: Array, i: Array, B: Array, result: MagneticCalibration
 ) -> None:
-    """Every sensor that has not failed must see what the others agree on."""
+    """Check that each sensor that has not failed agrees with the others."""
     at = device.hall.positions
     x, y = i - i.mean(axis=0), B - B.mean(axis=0)
     made = result.apply(device).coil_fields(at)
@@ -398,27 +399,26 @@ def _check_sensors(
 
 
 # --------------------------------------------------------------------------------------------------
-# A coil's two-node heat model from one record of heating and cooling: Zárate 2020 Fig. 6, turned into numbers.
+# Two-node thermal model of a coil, identified from one record of heating and cooling: Zárate 2020 Fig. 6.
 #
 # The winding is its own thermometer: its resistance gives its temperature while current flows. The boundary has a
 # sensor.
 
 
-_THERMAL_IDENTIFICATION_TRUST = (
-    0.25  #: relative standard deviation of a parameter above which the record does not determine it
-)
+#: relative standard deviation of a parameter above which the record does not determine it
+_THERMAL_IDENTIFICATION_TRUST = 0.25
 
 
 @dataclass(frozen=True)
 class ThermalIdentification:
-    """The model, how sure each of its four values is (relative standard deviation), and what it leaves unexplained."""
+    """Identified model, relative standard deviation of each of its four values, and residual."""
 
     model: TwoNode
     uncertainty: Array  #: (4,) of winding capacity, body capacity, winding to body, body to air
     residual: float  #: rms [K]
 
     def endurance(self, rise: float, power: float, *, drive: str = "power", coefficient: float = 3.93e-3) -> float:
-        """Seconds from cold until the winding's rise is `rise` [K] under `power` [W]; inf if never."""
+        """Time [s] from cold until the winding's rise is `rise` [K] under `power` [W]; inf if never."""
         return self.model.time_to(rise, power, drive=drive, coefficient=coefficient)
 
 
@@ -473,7 +473,7 @@ def thermal_identification(
     freedom = max(1, len(fit.fun) - 4)
     variance = float(fit.fun @ fit.fun) / freedom
     try:
-        spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm: relative
+        spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm, hence relative
     except np.linalg.LinAlgError:
         spread = np.full(4, np.inf)
     if not fit.success or (spread > _THERMAL_IDENTIFICATION_TRUST).any():
@@ -487,25 +487,24 @@ def thermal_identification(
 
 
 # --------------------------------------------------------------------------------------------------
-# How coils warm each other, from one record in which each was driven alone and all were watched.
+# Thermal coupling of the coils, from one record in which each was driven alone and all were measured.
 #
 # The windings are their own thermometers: a resistance gives a temperature while a small current flows. Each boundary
-# has a sensor. Coils are taken to be alike but for their conductance to the core.
+# has a sensor. Coils are assumed equal except for their conductance to the core.
 
 
-_NETWORK_IDENTIFICATION_TRUST = (
-    0.25  #: relative standard deviation of a value above which the record does not determine it
-)
-_MIN_READINGS = 20  #: readings of a record
-_ON = 0.25  #: share of the record's greatest power from which on a coil counts as driven
-_ALONE = 10  #: readings at least in which a coil is driven and no other is
+#: relative standard deviation of a value above which the record does not determine it
+_NETWORK_IDENTIFICATION_TRUST = 0.25
+_MIN_READINGS = 20  #: of a record
+_DRIVEN_POWER_SHARE = 0.25  #: share of the record's maximum power above which a coil counts as driven
+_MIN_ALONE_READINGS = 10  #: minimum number of readings in which a coil is driven alone
 _COIL = ("winding capacity", "body capacity", "conductance from winding to body", "conductance to the air")
-_WARM = 2.0  #: by which each boundary must warm [K]
+_MIN_BOUNDARY_RISE_K = 2.0  #: minimum temperature rise of each boundary [K]
 
 
 @dataclass(frozen=True)
 class HeatRecord:
-    """What was measured of m coils at n times.
+    """Measurements of m coils at n times.
 
     t         (n,) [s]
     power     (n, m) [W] from each time to the next
@@ -523,7 +522,7 @@ class HeatRecord:
 
 @dataclass(frozen=True)
 class NetworkIdentification:
-    """The values found, how sure each is (relative standard deviation), and what they leave unexplained."""
+    """Identified values, their relative standard deviations, and residual."""
 
     model: TwoNode  #: of each coil
     coupling: HeatCoupling
@@ -532,16 +531,16 @@ class NetworkIdentification:
 
     @property
     def network(self) -> ThermalNetwork:
-        """All coils together."""
+        """Thermal network of all coils."""
         return ThermalNetwork.of_coils(self.model, self.coupling.winding_to_core, self.coupling.core_capacity)
 
     def endurance(self, rise: float, power: float, coil: int = 0) -> float:
-        """Seconds from cold until the winding's rise is `rise` [K] under `power` [W] in `coil` alone; inf if never."""
+        """Time [s] from cold until the winding's rise is `rise` [K] under `power` [W] in `coil` alone; inf if never."""
         network = self.network
         return network.time_to(rise, power * np.eye(network.windings)[coil])
 
     def find_sustained_power(self, rise: float, coil: int = 0) -> float:
-        """The power [W] in `coil` alone at which its winding's rise settles at `rise` [K]."""
+        """Power [W] in `coil` alone at which the steady-state rise of its winding is `rise` [K]."""
         return rise / float(self.network.rise_per_watt[coil, coil])
 
 
@@ -562,7 +561,7 @@ def network_identification(record: HeatRecord, names: Sequence[str], guess: Heat
 
 
 def coil_identification(record: HeatRecord, guess: Heat) -> NetworkIdentification:
-    """Fit the coils' four values to `record` with the couplings of `guess` as they are.
+    """Fit the coils' four values to `record` with the couplings of `guess` fixed.
 
     For a record of one coil that was driven: what was not measured of the others is NaN. Raises CalibrationError if it
     does not determine all four; InputError if it is no record, or `guess` has no couplings.
@@ -581,7 +580,7 @@ def _coil_values(heat: Heat) -> tuple[float, ...]:
 
 
 def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) -> tuple[Array, Array, float]:
-    """Values that explain `record`, their relative standard deviations, and the rms of what is left [K].
+    """Least-squares fit to `record`: values, their relative standard deviations, and the rms residual [K].
 
     `begin` is where the search starts, `fixed` what follows it among a network's values: four of each coil, the core's
     capacity, the conductances to it. `what` names those that are searched for.
@@ -604,12 +603,12 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
         gaps = [rises[:, :m] + record.ambient - record.winding, rises[:, m:-1] + record.ambient - record.boundary]
         return np.concatenate([gap[known] for gap, known in zip(gaps, measured, strict=True)])
 
-    # Within a factor of 50 of the start: what runs further away is not determined, and its steps overflow.
+    # Bounds of a factor of 50 around the start: beyond, a value is not determined, and its steps overflow.
     logs = np.log(begin)
     fit = least_squares(remainder, logs, bounds=(logs - np.log(50.0), logs + np.log(50.0)), x_scale="jac")
     variance = float(fit.fun @ fit.fun) / max(1, len(fit.fun) - len(begin))
     try:
-        spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm: relative
+        spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * variance)  # of a logarithm, hence relative
     except np.linalg.LinAlgError:
         spread = np.full(len(begin), np.inf)
     weak = [name for name, one in zip(what, spread, strict=True) if not one <= _NETWORK_IDENTIFICATION_TRUST]
@@ -623,7 +622,7 @@ def _fit(record: HeatRecord, begin: Array, fixed: Array, what: Sequence[str]) ->
 
 
 def _check_record(record: HeatRecord, coils: int) -> None:
-    """InputError unless the arrays fit each other and time runs forward."""
+    """Raise InputError unless the array sizes match and times increase."""
     times = check_finite(record.t, "t")
     shapes = [np.shape(check_finite(record.power, "power")), np.shape(record.winding),
               np.shape(record.boundary)]  # fmt: skip
@@ -634,13 +633,13 @@ def _check_record(record: HeatRecord, coils: int) -> None:
 
 
 def _check_switching(record: HeatRecord, names: Sequence[str]) -> None:
-    """CalibrationError unless every coil is driven alone, is off at other times, warms and is measured."""
+    """Raise CalibrationError unless every coil is driven alone, is off at other times, warms and is measured."""
     how = "drive each coil alone for three minutes, the others with a small current only"
     most = float(record.power.max())
     if not most > 0.0:
         raise CalibrationError(f"no coil was heated: {how}")
     check_finite(record.boundary, "boundary temperatures")
-    on = record.power > _ON * most
+    on = record.power > _DRIVEN_POWER_SHARE * most
     for k, name in enumerate(names):
         if on[:, k].all():
             raise CalibrationError(
@@ -650,15 +649,16 @@ def _check_switching(record: HeatRecord, names: Sequence[str]) -> None:
         alone = on[:, k] & (on.sum(axis=1) == 1)
         if not on[:, k].any():
             raise CalibrationError(f"coil '{name}' was never heated: {how}")
-        if alone.sum() < _ALONE:
+        if alone.sum() < _MIN_ALONE_READINGS:
             raise CalibrationError(f"coil '{name}' was driven alone in only {alone.sum()} readings: {how}")
         warmed = float(np.ptp(record.boundary[:, k]))
-        if warmed < _WARM:
+        if warmed < _MIN_BOUNDARY_RISE_K:
             raise CalibrationError(
                 f"the boundary of coil '{name}' warmed by only {warmed:.1f} K: heat longer or with more power (the "
                 "paper: 30 % duty for 3 minutes)"
             )
-        if np.isfinite(record.winding[:, k]).sum() < _ALONE:
+        if np.isfinite(record.winding[:, k]).sum() < _MIN_ALONE_READINGS:
             raise CalibrationError(
-                f"the winding of coil '{name}' was measured fewer than {_ALONE} times: keep a small current on"
+                f"the winding of coil '{name}' was measured fewer than {_MIN_ALONE_READINGS} times: "
+                "keep a small current on"
             )

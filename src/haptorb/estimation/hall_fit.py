@@ -1,4 +1,4 @@
-"""The place and axis of a magnet that explain what the field sensors read: Gauss–Newton, damped by Levenberg's method.
+"""Pose of a magnet from the field sensors: Gauss–Newton, damped by Levenberg's method.
 
 Five unknowns: three of the place, two turns across the axis. A step solves (N + λ diag N) δ = Jᵀ r, so that metres and
 radians need no common scale; a step that makes the misfit greater is taken back and λ raised.
@@ -45,32 +45,32 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The field of the tool's magnet and of the core's answer at the field sensors, with its derivatives, in one kernel.
+# Field of the tool's magnet and of the core's response at the field sensors, with derivatives, in one kernel.
 #
-# The magnet is a few charges on its faces; the core answers each with a series (see `physics.soft_sphere`). Written
-# with t = a²/(|x||s|) and c = x̂·ŝ, the answer at x to a charge q at s is
+# The magnet is modelled by charges on its faces; the core's response to each is a series (see `physics.soft_sphere`).
+# With t = a²/(|x||s|) and c = x̂·ŝ, the response at x to a charge q at s is
 #
 #     B = μ0 q/(4πa|x|) (S1 ŝ − S2 x̂),   S1 = Σ β_l t^(l+1) P_l'(c),   S2 = Σ β_l t^(l+1) P_(l+1)'(c),
 #
-# because P_(l+1)' = c P_l' + (l+1) P_l. Its derivative by s needs P'' and nothing else; a charge that is carried along
-# by a turn δ of the magnet moves by δ × (s − p). So the Jacobian is analytic: three columns for the magnet's place, two
-# for its axis. The turn about the axis changes nothing and is left out.
+# because P_(l+1)' = c P_l' + (l+1) P_l. Its derivative by s needs P'' only; a charge that moves with a rotation δ of
+# the magnet moves by δ × (s − p). So the Jacobian is analytic: three columns for the magnet's position, two for its
+# axis. The rotation about the axis has no effect and is left out.
 
 
 _K = MU0 / (4 * np.pi)
 
 
 class ToolModel(NamedTuple):
-    """The tool's magnet, the core and the places of the sensors, as kernels take them."""
+    """Tool's magnet, core and sensor positions, in the form that the kernels need."""
 
     rows: Array  #: (4, n) charges in the mover's frame: x, y, z [m], q [A·m]
     sensors: Array  #: (k, 3) [m]
     core_radius: float  #: [m]
-    response: Array  #: (3, L) the core's answer by degree, and (2l + 1)/(l + 1), l/(l + 1) of Legendre's recurrence
+    response: Array  #: (3, L) the core's response by degree, and (2l + 1)/(l + 1), l/(l + 1) of Legendre's recurrence
 
     @classmethod
     def of(cls, device: SphericalElectromagnet, *, azimuth: int = 4) -> ToolModel:
-        """The model of `device`: one node in ρ² and `azimuth` steps per face.
+        """Model of `device`: one node in ρ² and `azimuth` steps per face.
 
         Four steps are right to (ρ/r)⁴: 0.3 % where the tool's end is 15 mm from a sensor, below a fortieth of the
         noise elsewhere.
@@ -90,15 +90,15 @@ class ToolModel(NamedTuple):
 
 
 class TrackerModel(NamedTuple):
-    """What the Hall tracker knows about tool and coils, within compiled code."""
+    """Hall tracker's model of tool and coils, within compiled code."""
 
     tool: ToolModel
-    per_ampere: Array  #: (3 k, m) field of the coils at the sensors, the core's answer included [T/A]
+    per_ampere: Array  #: (3 k, m) field of the coils at the sensors, with the core's response [T/A]
     columns: Array  #: (m,) squares of the columns of the moment map [m⁴]
 
 
 def pack_model(device: SphericalElectromagnet, model: ToolModel) -> Array:
-    """(n,) all of TrackerModel, [m], [A·m] and [T/A], with `model` for the tool; `unpack_model` takes it apart."""
+    """(n,) packed TrackerModel, [m], [A·m] and [T/A], with `model` for the tool; `unpack_model` is the inverse."""
     columns = (np.asarray(device.moment_per_current, dtype=np.float64) ** 2).sum(axis=0)
     per_ampere = coil_field(device).reshape(3 * device.sensors, -1)
     return pack((model.core_radius,), model.rows, model.sensors, model.response, per_ampere, columns)
@@ -106,13 +106,13 @@ def pack_model(device: SphericalElectromagnet, model: ToolModel) -> Array:
 
 @kernel
 def unpack_model(model: Array) -> TrackerModel:
-    """What `pack_model` made, its parts in their own units."""
+    """Inverse of `pack_model`, each field in its own unit."""
     tool = ToolModel(part(model, 1), part(model, 2), part(model, 0)[0, 0], part(model, 3))
     return TrackerModel(tool, part(model, 4), part(model, 5)[0])
 
 
 def coil_field(device: SphericalElectromagnet) -> Array:
-    """(k, 3, m) [T/A] what an ampere in each coil does at each sensor, the core's answer to the coils included.
+    """(k, 3, m) [T/A] field per ampere of each coil at each sensor, with the core's response.
 
     As the sensors of `device` tell it, where a calibration measured it.
     """
@@ -123,13 +123,13 @@ def coil_field(device: SphericalElectromagnet) -> Array:
 
 
 def moment_field(device: SphericalElectromagnet) -> Array:
-    """(k, 3, 3) [T/(A·m²)] what a unit moment along x, y, z at the centre does at each sensor."""
+    """(k, 3, 3) [T/(A·m²)] field at each sensor of unit moments along x, y, z at the centre."""
     return np.ascontiguousarray(point_field(device.hall.positions.reshape(-1, 3)))
 
 
 @kernel
 def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None:
-    """Fill B (k, 3) [T] and J (k, 3, 5): ∂B/∂p [T/m], then per turn about R's x and y axes [T/rad].
+    """Fill B (k, 3) [T] and J (k, 3, 5): ∂B/∂p [T/m], then per rotation about R's x and y axes [T/rad].
 
     p (3,) [m] the magnet's centre, R (3, 3) any rotation whose third column is the magnet's axis.
     """
@@ -157,7 +157,7 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
             q = _K * rows[3, n]
             ax, ay, az = placed[n, 0], placed[n, 1], placed[n, 2]
             sx, sy, sz = placed[n, 3], placed[n, 4], placed[n, 5]
-            # The charge itself: q r/r³, and its derivative by s, q (3 r rᵀ/r⁵ − 1/r³).
+            # Field of the charge: q r/r³, and its derivative by s, q (3 r rᵀ/r⁵ − 1/r³).
             rx, ry, rz = x - sx, y - sy, z - sz
             inverse = 1.0 / (rx * rx + ry * ry + rz * rz)
             w = q * inverse * np.sqrt(inverse)
@@ -166,7 +166,7 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
             dxx, dyy, dzz = v * rx * rx - w, v * ry * ry - w, v * rz * rz - w
             dxy, dxz, dyz = v * rx * ry, v * rx * rz, v * ry * rz
             dyx, dzx, dzy = dxy, dxz, dyz
-            # The core's answer to it.
+            # Field of the core's response.
             hx, hy, hz, sigma = placed[n, 6], placed[n, 7], placed[n, 8], placed[n, 9]
             c = ux * hx + uy * hy + uz * hz
             t = a * a * reach * sigma
@@ -227,13 +227,13 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
                 J[k, 2, 3 + j] += dzx * tx + dzy * ty + dzz * tz
 
 
-_MAX_STEP_M = 15e-3  #: longest way of one step [m]: a fifth of the distance to the sensors
-_WIDEST = 0.35  #: widest turn of one step [rad]
+_MAX_STEP_M = 15e-3  #: maximum translation of one step [m]: a fifth of the distance to the sensors
+_MAX_ROTATION_RAD = 0.35  #: maximum rotation of one step [rad]
 
 
 @kernel
 def _inverse(N: Array) -> bool:
-    """The inverse of the symmetric, positive N (n, n) in its place (Gauss–Jordan); False if it has none."""
+    """Invert the symmetric, positive N (n, n) in place (Gauss–Jordan); False if it is singular."""
     size = N.shape[0]
     for k in range(size):
         pivot = N[k, k]
@@ -253,7 +253,7 @@ def _inverse(N: Array) -> bool:
 
 @kernel
 def weigh_moment(t: Record, columns: Array, currents: Array, lagged: Array, share: float) -> None:
-    """Fill the weight of tracker t; zeros, plain least squares, where the moment is known as well as perfectly.
+    """Fill the weight of tracker t; zeros, plain least squares, where the moment is practically exact.
 
     columns (m,) [m⁴] squares of the moment map's columns, whose entries are known to `share`; currents (m,) [A], and
     lagged (m,) [A] the same through the core's lag, whose share is known to t.eddy_doubt.
@@ -324,7 +324,7 @@ def _normal(t: Record, sensors: Records, B: Array, J: Array, gradient: Array) ->
 def fit_tool(
     t: Record, sensors: Records, model: ToolModel, near: float, turn: float, most: int, p: Array, R: Array
 ) -> tuple[bool, float]:
-    """Improve p (3,) [m] and R (3, 3) in their places until a step is below `near` [m] and `turn` [rad].
+    """Improve p (3,) [m] and R (3, 3) in place until a step is below `near` [m] and `turn` [rad].
 
     The fields of `sensors`, (k,) SENSOR, are explained, with the weight of the tracker t (zeros for plain least
     squares) and with its rates since those were read; at most `most` evaluations. Its covariance becomes (JᵀWJ)⁻¹, per
@@ -339,11 +339,11 @@ def fit_tool(
     for _ in range(most):
         tool_field(model, p, R, B, J)
         misfit = _normal(t, sensors, B, J, gradient)
-        if not misfit <= best * (1.0 + 1e-9):  # worse, or not a number: back, and more carefully
+        if not misfit <= best * (1.0 + 1e-9):  # larger, or NaN: step back and increase the damping
             p[:] = last_p
             R[:] = last_R
             damping = max(8.0 * damping, 1e-3)
-            if damping > 1e6 or not best < np.inf:  # at the very first: there is nothing to go back to
+            if damping > 1e6 or not best < np.inf:  # failed at the first evaluation: there is no earlier point
                 return False, best
         else:
             best = misfit
@@ -375,7 +375,7 @@ def fit_tool(
             gain += total * old[a]
         way = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
         wide = math.sqrt(step[3] ** 2 + step[4] ** 2)
-        shorter = min(1.0, _MAX_STEP_M / max(way, 1e-12), _WIDEST / max(wide, 1e-12))
+        shorter = min(1.0, _MAX_STEP_M / max(way, 1e-12), _MAX_ROTATION_RAD / max(wide, 1e-12))
         for i in range(3):
             p[i] = last_p[i] + shorter * step[i]
         wx, wy = shorter * step[3], shorter * step[4]
@@ -393,11 +393,11 @@ def fit_tool(
 
 
 # --------------------------------------------------------------------------------------------------
-# How well field sensors can tell where the tool is: the best that any unbiased estimate can do (Cramér and Rao).
+# Accuracy limit of position sensing with field sensors: the Cramér–Rao bound of any unbiased estimate.
 #
-# What limits it, in this order: the field of the tool falls with the cube of the distance, its change with the fourth
-# power, so that the sensors' distance from the tool counts most; then the sensors' noise; then, under current, what is
-# not known about the coils' own field, through the noise of the current readings and the errors of the calibration.
+# Limits, in this order: the field of the tool falls with the cube of the distance, its gradient with the fourth
+# power, so that the sensors' distance from the tool matters most; then the sensors' noise; then, under current, the
+# uncertainty of the coils' own field, from the noise of the current readings and the errors of the calibration.
 
 
 def position_accuracy(
@@ -409,7 +409,7 @@ def position_accuracy(
     noise: float | None = None,
     calibration: float = 0.0,
 ) -> Array:
-    """(n, 5) standard deviations of one sample: place [m] along stator x y z, two turns across the axis [rad].
+    """(n, 5) standard deviations of one sample: position [m] along stator x y z, two rotations across the axis [rad].
 
     places (n, 3) [m]; axes (n, 3), radial where none are given; currents (m,) [A]; noise of one reading [T], the
     device's where none is given; calibration: standard deviation of each entry of the 3 × m moment map, as a share of
@@ -455,7 +455,7 @@ def position_accuracy(
 
 
 def with_sensors(device: SphericalElectromagnet, positions: ArrayLike) -> SphericalElectromagnet:
-    """`device` with its field sensors at `positions` (k, 3) [m]: a study, not another file.
+    """`device` with its field sensors at `positions` (k, 3) [m]: for a study.
 
     Raises InputError for fewer than two, or one inside the core.
     """
@@ -466,7 +466,7 @@ def with_sensors(device: SphericalElectromagnet, positions: ArrayLike) -> Spheri
 
 
 def better_sensors(device: SphericalElectromagnet) -> Array:
-    """(9, 3) [m] a better placement than the assumed one: two level rings at the dome's equator, clear of the pen.
+    """(9, 3) [m] improved placement: two level rings at the dome's equator, clear of the pen.
 
     Four sensors 4 mm off the dome, five at twice its radius, all 3 mm above the centre: as high as a pen that leans
     outwards at the workspace's edge allows. The near ring is close to the tool, the far one sees it from another side;

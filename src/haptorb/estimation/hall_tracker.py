@@ -1,4 +1,4 @@
-"""Where the tool is, from the field sensors alone, while the coils are driven: `--tracker hall`.
+"""Pose tracking with the field sensors alone, while the coils are driven: `--tracker hall`.
 
 What coils and core do per ampere is known (calibrated), the measured currents give it, and it is subtracted; what is
 left is the tool's magnet and the core's answer to it. Place and axis that explain it best are the estimate; the turn
@@ -90,21 +90,22 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The α–β filter of a place and an axis: a stated bandwidth at any rate, and never late behind a steady motion.
+# α–β filter of a position and an axis: specified bandwidth at any sampling rate, without lag at constant velocity.
 #
-# Place and axis are predicted with their rates and corrected by α = 1 − θ², the rates by β/dt, β = (1 − θ)²: critically
-# damped, one memory θ for both. The measured pose becomes the reported one through
+# Position and axis are predicted with their rates and corrected by α = 1 − θ², the rates by β/dt, β = (1 − θ)²:
+# critically damped, one pole θ for both. The measured pose becomes the reported one through
 #
 #     H(z) = (1 − θ) z ((1 + θ) z − 2θ)/(z − θ)²,     |H|² = (1 − θ)² ((1 + θ)² + 4θ² − 4θ(1 + θ) c)/(1 + θ² − 2θ c)²
 #
 # with c = cos(2π f dt), and θ is chosen in every tick so that |H|² = 1/2 at the bandwidth, whatever dt is. H is 1 at
-# rest and its group delay there is none: a position in steady motion has no lag. The price: below the bandwidth |H|
-# rises to 1.11, so that a step is overshot by 14 %, and white noise keeps 0.55 of its standard deviation at 100 Hz and
-# 1 kHz, where an ideal filter of 100 Hz, infinitely late, would leave 0.45. The rates are late by twice the filter's
-# memory, 2 dt θ/(1 − θ) and half a tick. A loop slower than twice the bandwidth is not filtered: θ is 0.
+# DC and its group delay there is zero: a position in steady motion has no lag. The cost: below the bandwidth |H| rises
+# to 1.11, so that a step response overshoots by 14 %, and white noise retains 0.55 of its standard deviation at 100 Hz
+# and 1 kHz, where an ideal filter of 100 Hz, with infinite delay, would retain 0.45. The rates lag by twice the
+# filter's time constant, 2 dt θ/(1 − θ), and half a tick. A loop slower than twice the bandwidth is not filtered: θ is
+# 0.
 
 
-#: The filter's state, and its response to white noise of variance 1 in the readings.
+#: State of the filter, and its response to white noise of variance 1 in the readings.
 FILTER = fields(
     ("place", "f8", (3,)),  # [m]
     ("axis", "f8", (3,)),  # of the tool, a unit vector
@@ -118,7 +119,7 @@ FILTER = fields(
 
 @kernel
 def memory(turn: float) -> float:
-    """θ of the filter whose gain is 3 dB down where the signal turns by `turn` [rad] from one tick to the next.
+    """Pole θ of the filter with a gain of −3 dB at the frequency at which a signal turns by `turn` [rad] per tick.
 
     0, no filter at all, from half a turn on: such a signal is faster than the ticks can tell.
 
@@ -141,7 +142,7 @@ def memory(turn: float) -> float:
 
 
 def noise_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
-    """Standard deviation that white noise of the readings keeps in the output [1], at `bandwidth` and `rate` [Hz].
+    """Ratio of output to input standard deviation for white noise [1], at `bandwidth` and `rate` [Hz].
 
     From the variance of an α–β filter: (2α² + 2β − 3αβ)/(α (4 − 2α − β)).
 
@@ -155,7 +156,7 @@ def noise_share(bandwidth: float = 100.0, rate: float = 1000.0) -> float:
 
 @kernel
 def predict(f: Record, dt: float, p: Array, R: Array) -> None:
-    """Where place p (3,) [m] and axis, R's third column, should be `dt` [s] after what the filter f has."""
+    """Predict position p (3,) [m] and axis, R's third column, `dt` [s] after the state of filter f."""
     axis = np.empty(3)
     size = 0.0
     for i in range(3):
@@ -169,13 +170,13 @@ def predict(f: Record, dt: float, p: Array, R: Array) -> None:
 
 @kernel
 def _fill_angular_velocity(n: Array, rate: Array, w: Array) -> None:
-    """w (3,) [rad/s] of an axis n that changes at `rate` [1/s]."""
+    """w (3,) [rad/s] of an axis n with the time derivative `rate` [1/s]."""
     w[0], w[1], w[2] = n[1] * rate[2] - n[2] * rate[1], n[2] * rate[0] - n[0] * rate[2], n[0] * rate[1] - n[1] * rate[0]
 
 
 @kernel
 def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Array) -> None:
-    """The output `dt` [s] after f without a measurement: p [m], R, v [m/s] and w [rad/s]."""
+    """Output `dt` [s] after f without a measurement: p [m], R, v [m/s] and w [rad/s]."""
     predict(f, dt, p, R)
     for i in range(3):
         v[i] = f.velocity[i]
@@ -184,7 +185,7 @@ def extrapolate_pose(f: Record, dt: float, p: Array, R: Array, v: Array, w: Arra
 
 @kernel
 def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: Array, w: Array) -> None:
-    """One step of the filter; p [m] and R go in as measured and come out filtered, v [m/s] and w [rad/s] come out.
+    """One filter step; p [m] and R are measured on input and filtered on output, v [m/s] and w [rad/s] are outputs.
 
     dt ≤ 0: restart.
     """
@@ -218,7 +219,7 @@ def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: 
         f.axis[i] /= np.sqrt(size)
         along += f.axis[i] * f.axis_rate[i]
     for i in range(3):
-        f.axis_rate[i] -= along * f.axis[i]  # a unit vector moves across itself only
+        f.axis_rate[i] -= along * f.axis[i]  # the rate of a unit vector is orthogonal to it
         p[i] = f.place[i]
         v[i] = f.velocity[i]
     _fill_angular_velocity(f.axis, f.axis_rate, w)
@@ -226,40 +227,40 @@ def correct_pose(f: Record, dt: float, bandwidth: float, p: Array, R: Array, v: 
 
 
 # --------------------------------------------------------------------------------------------------
-# One tick of the Hall tracker in one compiled pass: subtract the coils, fit, doubt, filter.
+# One tick of the Hall tracker in one compiled pass: subtract the coils' field, fit, validate, filter.
 #
-# The parts stand in files of their own; they are strung together here because a call into compiled code costs as much
-# as the parts do. Everywhere, tracker is (1,) TRACKER, t its record, sensors (k,) SENSOR, and model what `pack_model`
-# made.
+# The steps are combined here because a call into compiled code costs as much as the steps themselves. Everywhere,
+# tracker is (1,) TRACKER, t its record, sensors (k,) SENSOR, and model the result of `pack_model`.
 
 
-#: what came of a tick
+#: status of a tick
 LOCATED: Final = 0
-UNEXPLAINED: Final = 1  #: no tool near the predicted place leaves such readings
+UNEXPLAINED: Final = 1  #: no tool near the predicted position explains the readings
 LOST: Final = 2
 REVERSED: Final = 3
-UNREAD: Final = 4  #: a current is not a number, or a sensor has gone
-VAGUE: Final = 5  #: what was read contradicts nothing and says too little, as while the currents jump
+UNREAD: Final = 4  #: a current is not a number, or a sensor is missing
+VAGUE: Final = 5  #: the readings are consistent but not informative enough, as while the currents change quickly
 
-#: a last step below this leaves its square over 70 mm, 0.1 mm and 0.2°; typical noise makes half such steps
+#: convergence: the remaining error is this squared over 70 mm, 0.1 mm and 0.2°; typical noise makes half such steps
 _NEAR, _TURN = 3e-3, 0.08
-_MAX_EVALUATIONS = 4  #: evaluations
-_EXACT, _COLD = 1e-6, 40  #: last step of a fit from nothing [m, rad], and its evaluations at most
-_OUTLIER_SIGMAS = 5.0  #: residuals so many times the sensors' noise are no noise
-_SHARE = 0.01  #: of the coils' own field that calibration may leave unexplained
-CALIBRATED = 1e-3  #: standard deviation of the moment map's entries after a calibration, of their column
-_PAUSED = 0.05  #: without currents for so long the core's lag is over [s]
-_OLD = 0.05  #: an older reading is useless: a sensor is missing [s]
-_FRESH = 0.05  #: weight of a tick in the share of readings that are new
-_VAGUE = 3e-3  #: standard deviation of the place above which it is not known [m]
-_OUTWARD = -0.2  #: a tool whose axis points inwards by more than this cosine has its magnet the wrong way round
+_MAX_EVALUATIONS = 4  #: per tick
+#: convergence of a cold start [m, rad], and its maximum number of evaluations
+_COLD_START_TOLERANCE, _COLD_START_EVALUATIONS = 1e-6, 40
+_OUTLIER_SIGMAS = 5.0  #: outlier threshold, in standard deviations of the sensors' noise
+_COIL_CALIBRATION_ERROR = 0.01  #: calibration error of the coils' own field, as a share
+CALIBRATED = 1e-3  #: relative standard deviation of the moment map's entries after a calibration
+_LAG_DECAY_S = 0.05  #: time without currents after which the core's lag has decayed [s]
+_MAX_READING_AGE_S = 0.05  #: age above which a reading is discarded: a sensor is missing [s]
+_NEW_SHARE_WEIGHT = 0.05  #: weight of a tick in the average share of new readings
+_MAX_POSITION_SIGMA_M = 3e-3  #: standard deviation of the position above which it is unknown [m]
+_REVERSED_COSINE = -0.2  #: cosine between axis and radius below which the magnet counts as reversed
 
 
 @kernel
 def _pass_lag(t: Record, currents: Array, lagged: Array, taken: float) -> None:
-    """lagged (m,) [A] advances by `currents` (m,) [A] at `taken` [s] through the core's lag."""
+    """Advance lagged (m,) [A], the currents filtered by the core's lag, to `currents` (m,) [A] at `taken` [s]."""
     passed = taken - t.lagged_at
-    known = passed <= _PAUSED
+    known = passed <= _LAG_DECAY_S
     keep = np.exp(-passed / t.eddy_time) if passed > 0.0 and known else 1.0
     for j in range(currents.shape[0]):
         if not known or not np.isfinite(lagged[j]):
@@ -275,9 +276,9 @@ def subtract_coils(
     tracker: Records, sensors: Records, model: Array, read: Array, currents: Array, lagged: Array, taken: float,
     now: float,
 ) -> bool:  # fmt: skip
-    """The sensors' field = gain (read (k, 3) [T] − offsets − coils), where something was read, at `taken` [s]; their
-    ages `now` [s], limit and weight for such currents (m,) [A]; False if a current is not a number or a reading too
-    old. lagged (m,) [A]: the currents through the core's lag, as the last call left them."""
+    """Sensor fields = gain (read (k, 3) [T] − offsets − coils), where there is a reading, at `taken` [s]; their
+    ages `now` [s], limit and weight for such currents (m,) [A]; False if a current is not a number or a reading is too
+    old. lagged (m,) [A]: the currents filtered by the core's lag, updated from the last call."""
     t, known = tracker[0], unpack_model(model)
     total, oldest, new = 0.0, 0.0, 0
     _pass_lag(t, currents, lagged, taken)
@@ -291,7 +292,7 @@ def subtract_coils(
                 coils += known.per_ampere[3 * k + i, j] * (currents[j] - t.eddy_share * (currents[j] - lagged[j]))
             total += coils * coils
             left = read[k, i] - sensor.offset[i] - coils
-            if left - left == 0.0:  # a number
+            if left - left == 0.0:  # finite
                 sensor.left[i] = left
                 sensor.taken[i] = taken
                 new += 1
@@ -305,11 +306,11 @@ def subtract_coils(
                 + sensor.gain[i, 1] * sensor.left[1]
                 + sensor.gain[i, 2] * sensor.left[2]
             )
-    t.share += _FRESH * (new / t.readings - t.share)
-    if not (np.isfinite(total) and oldest <= _OLD):
+    t.share += _NEW_SHARE_WEIGHT * (new / t.readings - t.share)
+    if not (np.isfinite(total) and oldest <= _MAX_READING_AGE_S):
         return False
     square = _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * (t.noise * t.noise + t.swing * t.swing + t.lasting * t.lasting)
-    share = max(_SHARE, 3.0 * t.coil_error)
+    share = max(_COIL_CALIBRATION_ERROR, 3.0 * t.coil_error)
     t.limit = np.sqrt(square + share * share * total / t.readings)
     weigh_moment(t, known.columns, currents, lagged, CALIBRATED)
     return True
@@ -317,7 +318,7 @@ def subtract_coils(
 
 @kernel
 def _fill_rates(t: Record, R: Array) -> None:
-    """The rates of t, from its filter: of the place, and of the turns about R's x and y."""
+    """Fill the rates of t from its filter: of the position, and of the rotations about R's x and y."""
     f = t.filter
     n, r = f.axis, f.axis_rate
     wx, wy, wz = n[1] * r[2] - n[2] * r[1], n[2] * r[0] - n[0] * r[2], n[0] * r[1] - n[1] * r[0]
@@ -329,34 +330,37 @@ def _fill_rates(t: Record, R: Array) -> None:
 
 @kernel
 def is_explained(misfit: float, readings: int, limit: float) -> bool:
-    """Whether a misfit [T²] over so many readings may be noise and errors of the calibration."""
+    """Whether noise and calibration errors explain a misfit [T²] over so many readings."""
     return misfit <= (readings - 5) * limit * limit
 
 
 @kernel
 def _variance_share(t: Record) -> float:
-    """Share of one set of readings' variance that the filter keeps; a reading that is used twice is no second."""
+    """Ratio of output to input variance of the filter for one set of readings; repeated readings count once."""
     return float(min(t.filter.variance / t.share, 1.0))
 
 
 @kernel
 def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
     covariance = t.covariance
-    if not share * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) <= 3.0 * _VAGUE * _VAGUE:
+    if (
+        not share * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
+        <= 3.0 * _MAX_POSITION_SIGMA_M * _MAX_POSITION_SIGMA_M
+    ):
         return VAGUE
     distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
     if not t.nearest < distance < t.furthest:
         return LOST
     if p[2] < distance * t.lowest:
         return LOST
-    # A reversed magnet looks like one that is held upside down; a pen is not held by its tip.
+    # A reversed magnet is indistinguishable from an inverted pen; a pen is not held by its tip.
     along = p[0] * R[0, 2] + p[1] * R[1, 2] + p[2] * R[2, 2]
-    return REVERSED if along < _OUTWARD * distance else LOCATED
+    return REVERSED if along < _REVERSED_COSINE * distance else LOCATED
 
 
 @kernel
 def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: Array) -> int:
-    """What the fit found, doubted and filtered: pose (6, 3) is R, p [m], and what becomes v [m/s] and w [rad/s].
+    """Validate and filter the result of a fit: pose (6, 3) is R, p [m], and receives v [m/s] and w [rad/s].
 
     The covariance, per T² of the readings' variance, becomes that of the filtered pose; dt < 0: the filter restarts.
     """
@@ -377,11 +381,20 @@ def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: 
 
 @kernel
 def fit_anew(tracker: Records, sensors: Records, model: Array, p: Array, R: Array) -> tuple[bool, float]:
-    """`fit_tool` from p (3,) [m] and R (3, 3), where nothing is known of a motion, to the last digit."""
+    """`fit_tool` from p (3,) [m] and R (3, 3) without prior motion, to full convergence."""
     t = tracker[0]
     for i in range(5):
         t.rates[i] = 0.0
-    return fit_tool(t, sensors, unpack_model(model).tool, _EXACT, _EXACT, _COLD, p, R)
+    return fit_tool(
+        t,
+        sensors,
+        unpack_model(model).tool,
+        _COLD_START_TOLERANCE,
+        _COLD_START_TOLERANCE,
+        _COLD_START_EVALUATIONS,
+        p,
+        R,
+    )
 
 
 @kernel
@@ -389,8 +402,8 @@ def follow_tool(
     tracker: Records, sensors: Records, model: Array, read: Array, currents: Array, lagged: Array, taken: float,
     now: float, dt: float, pose: Array,
 ) -> int:  # fmt: skip
-    """From what was read (k, 3) [T] to the pose (6, 3) as in `filter_fit`, starting where the tool should be after `dt`
-    [s]; for VAGUE it is what the filter alone expects.
+    """Pose (6, 3) as in `filter_fit` from the readings (k, 3) [T], starting at the prediction after `dt` [s];
+    for VAGUE it is the filter's prediction alone.
 
     Arguments as in `subtract_coils`.
     """
@@ -409,63 +422,63 @@ def follow_tool(
 
 
 # --------------------------------------------------------------------------------------------------
-# What the Hall tracker remembers between two ticks, and the settings that it goes by: two structured arrays.
+# State of the Hall tracker between two ticks, with its settings: two structured arrays.
 #
-# `TRACKER` holds what is there once, in an array of one record; `SENSOR` what every field sensor has, in k records.
+# `TRACKER` has the state that exists once, in an array of one record; `SENSOR` has one record per field sensor (k).
 
 
-_REACH = 15e-3  #: how far outside the shell a tool's position is still valid [m]
+_SHELL_MARGIN_M = 15e-3  #: margin outside the shell within which a tool's position is valid [m]
 
-#: There is one.
+#: One record.
 TRACKER = fields(
     # settings
     ("noise", "f8"),  # of one reading [T]
     ("bandwidth", "f8"),  # of place and axis [Hz]
     ("nearest", "f8"),  # distance from the centre below which a tool's position is invalid [m]
     ("furthest", "f8"),  # distance from the centre above which a tool's position is invalid [m]
-    ("lowest", "f8"),  # cosine of the steepest place
-    ("readings", "i8"),  # of all axes of the sensors that are used
-    ("lasting", "f8"),  # standard deviation of the error that stays in a reading of the tool [T]
-    ("coil_error", "f8"),  # share of the coils' own field that may be left in a reading
-    ("eddy_share", "f8"),  # of the currents' moment that lags
-    ("eddy_time", "f8"),  # constant of the lag [s]
+    ("lowest", "f8"),  # cosine of the largest polar angle
+    ("readings", "i8"),  # number of axes of the sensors in use
+    ("lasting", "f8"),  # standard deviation of the constant error in a reading of the tool [T]
+    ("coil_error", "f8"),  # calibration error of the coils' own field, as a share
+    ("eddy_share", "f8"),  # lagging share of the currents' moment
+    ("eddy_time", "f8"),  # time constant of the lag [s]
     ("eddy_doubt", "f8"),  # standard deviation of that share
-    ("remanent", "f8"),  # moment that may stay in the core, standard deviation of each axis [A·m²]
+    ("remanent", "f8"),  # remanent moment of the core, standard deviation per axis [A·m²]
     ("coupling", "f8", (3, 3)),  # UᵀU, U the field of unit moments at all sensors [T²/(A²·m⁴)]
     # this tick
     ("moment_noise", "f8", (3, 3)),  # covariance of the moment from the currents' noise [A²·m⁴]
-    ("swing", "f8"),  # field that the currents may be wrong by, where they change quickly [T]
-    ("limit", "f8"),  # what may be left unexplained [T]
-    ("weight", "f8", (3, 3)),  # G of `tool_fit`: what is known about the moment [A²·m⁴/T²]
-    ("rates", "f8", (5,)),  # of the place [m/s] and of the turns about the mover's x and y [rad/s]
-    # remembered
-    ("lagged_at", "f8"),  # time of the currents that went through the lag last [s]
-    ("share", "f8"),  # of the readings that are new in a tick, averaged
-    ("residual", "f8"),  # rms of what the last fit left unexplained [T]
+    ("swing", "f8"),  # error of the field from quickly changing currents [T]
+    ("limit", "f8"),  # limit on the residual [T]
+    ("weight", "f8", (3, 3)),  # G of `tool_fit`: covariance of the moment [A²·m⁴/T²]
+    ("rates", "f8", (5,)),  # of the position [m/s] and of the rotations about the mover's x and y [rad/s]
+    # state
+    ("lagged_at", "f8"),  # time of the last currents filtered by the lag [s]
+    ("share", "f8"),  # average share of new readings in a tick
+    ("residual", "f8"),  # rms residual of the last fit [T]
     ("misfit", "f8"),  # its square, averaged [T²]
-    ("covariance", "f8", (5, 5)),  # of what was seen last: place [m²], turns about two axes across the tool's [rad²]
+    ("covariance", "f8", (5, 5)),  # of the last fit: position [m²], rotations about two axes across the tool's [rad²]
     ("filter", FILTER),
 )
 
-#: Of each field sensor: what it said last of the tool alone, and what is known about it.
+#: One record per field sensor: its last reading of the tool alone, and its calibration.
 SENSOR = fields(
-    ("used", "?"),  # False: it has failed and is left out
+    ("used", "?"),  # False: it has failed and is excluded
     ("offset", "f8", (3,)),  # at zero current without a tool [T]
     ("gain", "f8", (3, 3)),  # field per reading
     ("per_moment", "f8", (3, 3)),  # field per moment along x, y, z of the electromagnet [T/(A·m²)]
-    ("left", "f8", (3,)),  # of the reading without offset and coils, in the sensor's axes [T]
+    ("left", "f8", (3,)),  # reading minus offset and coils, in the sensor's axes [T]
     ("field", "f8", (3,)),  # of tool and core alone [T]
-    ("taken", "f8", (3,)),  # when that was read, per axis [s]; -inf before the first reading
-    ("age", "f8", (3,)),  # how long ago that is [s]
+    ("taken", "f8", (3,)),  # time of that reading, per axis [s]; -inf before the first reading
+    ("age", "f8", (3,)),  # its age [s]
 )
 
 
 def make_tracker(device: SphericalElectromagnet, noise: float, bandwidth: float, lasting: float) -> Records:
-    """(1,) TRACKER for `device`, whose readings have `noise` and `lasting` errors [T]: no tool was seen yet."""
+    """(1,) TRACKER for `device`, whose readings have `noise` and `lasting` errors [T]: before the first fix."""
     made = state_zeros(1, TRACKER)
     made["noise"], made["bandwidth"], made["share"] = noise, bandwidth, 1.0
-    made["nearest"] = device.contact_distance - _REACH
-    made["furthest"] = device.contact_distance + device.shell_thickness + _REACH
+    made["nearest"] = device.contact_distance - _SHELL_MARGIN_M
+    made["furthest"] = device.contact_distance + device.shell_thickness + _SHELL_MARGIN_M
     made["lowest"] = math.cos(min(device.workspace_half_angle + math.radians(30), math.pi))
     used = _find_used(device)
     made["readings"], made["lasting"] = 3 * int(used.sum()), lasting
@@ -482,7 +495,7 @@ def make_tracker(device: SphericalElectromagnet, noise: float, bandwidth: float,
 
 
 def make_sensors(device: SphericalElectromagnet, offsets: Array) -> Records:
-    """(k,) SENSOR for `device` with `offsets` (k, 3) [T]: nothing was read yet."""
+    """(k,) SENSOR for `device` with `offsets` (k, 3) [T]: before the first reading."""
     made = state_zeros(device.sensors, SENSOR)
     correction = device.hall.correction
     made["used"], made["per_moment"] = _find_used(device), moment_field(device)
@@ -493,14 +506,15 @@ def make_sensors(device: SphericalElectromagnet, offsets: Array) -> Records:
 
 
 def coil_error(device: SphericalElectromagnet) -> float:
-    """Standard deviation of the coils' field that remains in a reading of sensors without calibration, as a share.
+    """Residual of the coils' field in a reading of uncalibrated sensors, standard deviation as a share.
 
     >>> from haptorb.devices.loader import load
     >>> 0.01 < coil_error(load("omni")) < 0.03
     True
     """
     errors, at = device.hall.errors, np.linalg.norm(device.hall.positions.reshape(-1, 3), axis=1)
-    far = 3 * errors.placement / float(at.mean()) if len(at) else 0.0  # a dipole's field falls with the cube
+    # a dipole's field falls with the cube of the distance
+    far = 3 * errors.placement / float(at.mean()) if len(at) else 0.0
     return math.sqrt(errors.gain**2 + 2 * errors.cross**2 + 2 * errors.angle**2 + far**2)
 
 
@@ -511,28 +525,27 @@ def _find_used(device: SphericalElectromagnet) -> NDArray[np.bool_]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The currents when the field was read, where a board measures the two at different times: between two measurements.
+# Interpolation of the currents to the time of a field reading, for boards that measure them at different times.
 #
-# The coils' own field is ten times the tool's, and a tenth of an ampere is taken for a millimetre. Currents that change
-# by an ampere in ten milliseconds have to be known to the tenth of a millisecond, and a current sensor reports the mean
-# of half a millisecond that ended at some time in the last half. Carried on from the last two of them, such errors are
-# doubled; between the measurement before the field and the one after it, they are less than those of either. So a field
-# waits for the next currents, a tick long.
+# The coils' own field is ten times the tool's, and an error of 0.1 A appears as a millimetre. Currents that change by
+# an ampere in ten milliseconds must be known to a tenth of a millisecond, and a current sensor reports the mean over
+# half a millisecond that ended at some time in the last half. Extrapolation from the last two of them doubles such
+# errors; interpolation between the measurements before and after the field reading makes them smaller than those of
+# either. So a field reading is delayed by a tick, until the next currents.
 
 
-_LENGTH = (
-    16  #: measurements: a field waits on the board while newer ones of other sensors are reported, for 7 ms and more
-)
-_SAME = 0.2e-3  #: currents that are newer by less than this are no second measurement [s]
-_CURRENT_HISTORY_PAUSE = 0.05  #: between two of them, after which nothing is known of the time between [s]
-_BEYOND = 0.3  #: of a step between two measurements, so far outside of them a field may lie
-_SCATTER = 0.15e-3  #: standard deviation of when a current was so [s]
-_RECENT_CHANGE_S = 0.01  #: for so long a change of the currents spoils readings that are still in use [s]
+#: buffer length: a field waits on the board while newer ones of other sensors are reported, for 7 ms and more
+_LENGTH = 16
+_MIN_CURRENT_SPACING_S = 0.2e-3  #: minimum spacing of two current measurements [s]
+_MAX_CURRENT_GAP_S = 0.05  #: gap between two of them, above which currents between are unknown [s]
+_MAX_EXTRAPOLATION = 0.3  #: extrapolation limit, relative to the interval between two measurements
+_CURRENT_TIME_SIGMA_S = 0.15e-3  #: standard deviation of the time of a current measurement [s]
+_RECENT_CHANGE_S = 0.01  #: time after a change of the currents during which readings in use are affected [s]
 
 
 @final
 class CurrentHistory(Stateful):
-    """Fields, each with the currents (m,) [A] at its own time.
+    """Pairs each field with the currents (m,) [A] at its time of measurement.
 
     field     (k, 3) [T] that the last `take` has ended the waiting of; NaN where there is none
     taken     when that was read [s]
@@ -554,33 +567,31 @@ class CurrentHistory(Stateful):
         )
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """Measured currents [A] with their times [s]; fields [T] that wait, and that was told; and their times [s]."""
+        """Measured currents [A] with their times [s]; pending and last emitted fields [T], with their times [s]."""
         return {"times": self._times, "values": self._values, **self._kept}
 
     def gather_state(self) -> None:
-        """Copy what the last samples brought."""
+        """Copy currents, fields and times into the state arrays."""
         kept, cells = self._kept, self._cells
         kept["waiting"][:], kept["field"][:] = self._waiting, self.field
         kept["currents"][:], kept["doubt"][:] = self.currents, self.doubt
         cells[0], cells[1] = self._waiting_since, self.taken
 
     def apply_state(self) -> None:
-        """Take it over."""
+        """Restore currents, fields and times from the state arrays."""
         kept = self._kept
         self._waiting, self.field = kept["waiting"].copy(), kept["field"].copy()
         self.currents, self.doubt = kept["currents"].copy(), kept["doubt"].copy()
         self._waiting_since, self.taken = self._cells
 
     def take(self, sample: Sample) -> None:
-        """The next sample. Its field waits for the next that has newer currents, and is reported then or never."""
+        """Add a sample. Its field is emitted with the next sample that has newer currents, or discarded."""
         at = sample.t - sample.currents_age
         newer = at - self._times[-1]
         self.field = self._nothing
-        if (
-            -_CURRENT_HISTORY_PAUSE <= newer < _SAME
-        ):  # the same measurement once more, as far as is known: an answer was lost
+        if -_MAX_CURRENT_GAP_S <= newer < _MIN_CURRENT_SPACING_S:  # repeated measurement, as after a lost reply
             return
-        if not 0.0 <= newer <= _CURRENT_HISTORY_PAUSE:
+        if not 0.0 <= newer <= _MAX_CURRENT_GAP_S:
             self._times[:] = -math.inf
         self._times[:-1], self._values[:-1] = self._times[1:], self._values[1:]
         self._times[-1], self._values[-1] = at, sample.currents
@@ -589,30 +600,33 @@ class CurrentHistory(Stateful):
         self._waiting, self._waiting_since = sample.field, sample.t - sample.field_age
 
     def _release(self, newer: float) -> None:
-        """Tell the field that waits, unless its time is too far from all currents."""
+        """Emit the pending field if its time is near enough to a measured current."""
         when, times, values = self._waiting_since, self._times, self._values
         first = -2
         while when < times[first] and first > -_LENGTH and math.isfinite(times[first - 1]):
             first -= 1
         step, change = float(times[first + 1] - times[first]), values[first + 1] - values[first]
         share = (when - float(times[first])) / step
-        self.doubt = np.maximum(_SCATTER / step * np.abs(change), math.exp(-newer / _RECENT_CHANGE_S) * self.doubt)
-        if -_BEYOND <= share <= 1.0 + _BEYOND:
+        self.doubt = np.maximum(
+            _CURRENT_TIME_SIGMA_S / step * np.abs(change), math.exp(-newer / _RECENT_CHANGE_S) * self.doubt
+        )
+        if -_MAX_EXTRAPOLATION <= share <= 1.0 + _MAX_EXTRAPOLATION:
             self.field, self.taken = self._waiting, when
             self.currents = values[first] + share * change
 
 
-#: bandwidth [Hz] for drivers that read the sensors in turns, six ticks for all: more lets through noise only
+#: bandwidth [Hz] for drivers that read the sensors in turn, six ticks for all: a larger one passes only more noise
 IN_TURNS = 30.0
 
-_TOOL_POSITION_PAUSE = 0.05  #: without a sample for so long the velocity says nothing any more [s]
-_CARRIED = 0.01  #: for so long the tool's motion is extrapolated while the readings contain too little [s]
+_MAX_SAMPLE_GAP_S = 0.05  #: gap without a sample after which the velocity is stale [s]
+#: maximum extrapolation of the tool's motion while the readings are not informative enough [s]
+_MAX_EXTRAPOLATION_S = 0.01
 _VERDICTS = ("", "lost", "reversed")
-_SEARCH_INTERVAL_S = 0.02  #: between two searches from nothing [s]: a search takes longer than a tick
+_SEARCH_INTERVAL_S = 0.02  #: interval between two cold starts [s]: one takes longer than a tick
 
 
 class HallTracker(Estimator):
-    """Uses the field sensors; the sample's `pose` is ignored.
+    """Pose from the field sensors; the sample's `pose` is ignored.
 
     device     a spherical electromagnet with at least two field sensors
     model      of the device, for the wrench map; None: its first
@@ -678,13 +692,13 @@ class HallTracker(Estimator):
             lasting = correction.uncertainty
         self._tracker = make_tracker(device, self.noise, self.bandwidth, lasting)
         self._sensors = make_sensors(device, zero)
-        self._lagged = state_zeros(device.channels)  # currents through the core's lag
+        self._lagged = state_zeros(device.channels)  # currents filtered by the core's lag
         self._lagged[:] = np.nan
         self._fields *= np.repeat(self._sensors["used"], 3)
         self._filter = self._tracker["filter"]
         self._moment_noise: Array = self._tracker["moment_noise"][0]
         self._moment_noise[:] = self._read
-        #: (5, 5) of what was seen last, noise only: place [m²], turns about two axes across the tool's [rad²]
+        #: (5, 5) of the last fit, noise only: position [m²], rotations about two axes across the tool's [rad²]
         self.covariance: Array = self._tracker["covariance"][0]
         self.verdict: str = self.LOST
         self._found, self._t, self._searched = False, -math.inf, -math.inf
@@ -694,12 +708,12 @@ class HallTracker(Estimator):
         self._numbers = make_numbers("verdict", "found", "t", "searched")
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """Filter, sensors, lagged currents [A], the last estimate, and where the search is."""
+        """Filter, sensors, lagged currents [A], the last estimate, and the state of the search."""
         own = {"tracker": self._tracker, "sensors": self._sensors, "lagged": self._lagged, "search": self._numbers[0]}
         return {**own, **self._kept.arrays}
 
     def state_parts(self) -> Mapping[str, Stateful]:
-        """Currents that wait for fields, and the controller model."""
+        """Current history and controller model."""
         return {"history": self._history, "model": self._controller_model}
 
     def gather_state(self) -> None:
@@ -711,34 +725,34 @@ class HallTracker(Estimator):
         )  # fmt: skip
 
     def apply_state(self) -> None:
-        """Take it over."""
+        """Restore the last estimate."""
         self._last = self._kept.load()
         verdict, found, self._t, self._searched = self._numbers[1]
         self.verdict, self._found = _VERDICTS[choose(verdict, len(_VERDICTS))], bool(found)
 
     @property
     def residual(self) -> float:
-        """rms of what the last estimate leaves unexplained [T]."""
+        """rms residual of the last estimate [T]."""
         return float(self._tracker["residual"][0])
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
+        """Estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
         read = np.ascontiguousarray(sample.field)
         if read.shape != self._shape:
             raise InputError(
                 f"device '{self._device.name}' has {self._device.sensors} field sensors; the sample has {read.shape[0]}"
             )
         currents, taken = sample.currents, sample.t - sample.field_age
-        if sample.currents_age != sample.field_age:  # a board's; a simulated device's are of one moment
+        if sample.currents_age != sample.field_age:  # of a board; a simulated device measures both at the same time
             read, currents, taken = self._match_currents(sample)
         tracker, sensors, model, pose = self._tracker, self._sensors, self._model, np.empty((6, 3))
         if self._found:
             dt = sample.t - self._t
-            if not 0.0 <= dt <= _TOOL_POSITION_PAUSE:
+            if not 0.0 <= dt <= _MAX_SAMPLE_GAP_S:
                 self._filter["velocity"] = self._filter["axis_rate"] = 0.0
                 dt = 0.0
             code = follow_tool(tracker, sensors, model, read, currents, self._lagged, taken, sample.t, dt, pose)
-        else:  # what is left of the readings without the coils; the place is still to be searched
+        else:  # readings without the coils' field; the position is not known yet
             whole = subtract_coils(tracker, sensors, model, read, currents, self._lagged, taken, sample.t)
             code = UNEXPLAINED if whole else UNREAD
         if code == UNEXPLAINED:
@@ -747,7 +761,7 @@ class HallTracker(Estimator):
                 return self._unknown(sample.t, self.verdict or self.LOST)
             self._searched = sample.t
             code = self._search(pose)
-        unsure = code == VAGUE and self._found and sample.t - self._t <= _CARRIED  # safety: tool-carried
+        unsure = code == VAGUE and self._found and sample.t - self._t <= _MAX_EXTRAPOLATION_S  # safety: tool-carried
         if not (code == LOCATED or unsure):
             self._found = self._found and code == UNREAD
             return self._unknown(sample.t, self.REVERSED if code == REVERSED else self.LOST)
@@ -765,7 +779,7 @@ class HallTracker(Estimator):
 
     @property
     def remark(self) -> str:
-        """Sensors that differ from ideal ones and are not calibrated."""
+        """Warning about sensors with errors and without calibration."""
         errors, name = self._device.hall.errors, self._device.name
         if self._device.hall.correction is not None or not (errors.offset or errors.gain or errors.placement):
             return ""
@@ -781,12 +795,12 @@ class HallTracker(Estimator):
         return self._controller_model.name
 
     def change_model(self, name: str) -> None:
-        """Go over to the device's model `name` in the wrench map, without a step."""
+        """Change to the device's model `name` in the wrench map, without a step."""
         self._controller_model.change(name)
 
     def _match_currents(self, sample: Sample) -> tuple[Array, Array, float]:
-        """The field (k, 3) [T] that waited for these currents, the currents (m,) [A] at its time, and that time [s];
-        the tracker learns by how much they may be wrong."""
+        """Emitted field (k, 3) [T], the currents (m,) [A] at its time, and that time [s];
+        the tracker receives the uncertainty of the currents."""
         history = self._history
         history.take(sample)
         moments = self._moments * history.doubt
@@ -800,7 +814,7 @@ class HallTracker(Estimator):
         return Estimate(last.state, last.wrench_map, False, t - self._t, reversed=why == self.REVERSED)
 
     def _search(self, pose: Array) -> int:
-        """From nothing: the grid's fields most like what is read, either way round, and the fit from each."""
+        """Cold start: fits from the grid points whose fields match the readings best, in both orientations."""
         tracker, sensors = self._tracker, self._sensors
         cross = self._fields @ sensors["field"].ravel()
         misfits = (self._fields**2).sum(axis=1) - 2 * np.abs(cross)
@@ -822,7 +836,7 @@ class HallTracker(Estimator):
 
 
 def _grid(device: SphericalElectromagnet) -> Array:
-    """(n, 3) [m] places over the shell and a little more; 15 mm apart, from where the fit finds its way."""
+    """(n, 3) [m] grid over the shell and a margin; 15 mm spacing, within the fit's region of convergence."""
     half = min(device.workspace_half_angle + math.radians(15), math.pi)
     count = 60
     z = 1 - (np.arange(count) + 0.5) / count * (1 - math.cos(half))
@@ -835,7 +849,7 @@ def _grid(device: SphericalElectromagnet) -> Array:
 
 
 def _fields_at(model: ToolModel, places: Array) -> Array:
-    """(n, 3 k) [T] of radial tools at `places`."""
+    """(n, 3 k) [T] of radial tools at the positions `places`."""
     k = len(model.sensors)
     B, J = np.empty((k, 3)), np.empty((k, 3, 5))
     rows = np.empty((len(places), 3 * k))
@@ -846,7 +860,7 @@ def _fields_at(model: ToolModel, places: Array) -> Array:
 
 
 def _choose_starts(places: Array, order: list[int], count: int) -> list[int]:
-    """The first `count` of `order` that are at least 12 mm from each other: starts that differ."""
+    """The first `count` of `order` that are at least 12 mm from each other: distinct starting points."""
     chosen: list[int] = []
     for at in order:
         if all(float(((places[at] - places[other]) ** 2).sum()) > 12e-3**2 for other in chosen):
@@ -857,4 +871,4 @@ def _choose_starts(places: Array, order: list[int], count: int) -> list[int]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The ways of knowing where a spherical electromagnet's tool is, by name.
+# Trackers of a spherical electromagnet's tool, by name.

@@ -1,4 +1,4 @@
-"""What a load cell tells of coils and magnet: moments per ampere, centres of the coils, strength of the magnet.
+"""Calibration with a load cell: moments per ampere, centres of the coils, strength of the magnet.
 
 The tool is fixed to the cell, anywhere in its workspace, while currents flow; each row of the table has its pose, the
 currents, and the force and torque on it. The most likely values follow by least squares from these and from what was
@@ -29,15 +29,16 @@ __all__ = ["LoadRecord", "calibrate_by_loads", "check_loads", "list_columns", "r
 
 _MOST_BYTES = 16 * 1024 * 1024
 _MAX_VALUE = 1e6  #: of any value, in its unit
-_MIN_READINGS = 12  #: readings
-_PLACES, _APART = 6, 5e-3  #: at so many places at least, so far from each other [m]
-_SHARE, _ENOUGH = 0.1, 3  #: of a coil's greatest current, in so many readings at least
-_MAX_DISTANCE_M = 1.0  #: nothing is measured so far away [m]
-_MOMENTS = 0.005  #: of each entry of moments that field sensors measured, beside their noise, relative
-_ZERO = (0.2, 0.01)  #: of the cell: standard deviations of its constant force [N] and torque [N·m]
-_MIN_NOISE = (1e-4, 1e-6)  #: of a reading [N, N·m]
+_MIN_READINGS = 12  #: per record
+_MIN_POSITIONS, _MIN_DISTANCE_M = 6, 5e-3  #: minimum number of tool positions, and their minimum distance [m]
+_MIN_CURRENT_SHARE = 0.1  #: minimum current relative to a coil's limit
+_MIN_DRIVEN_READINGS = 3  #: with that current
+_MAX_DISTANCE_M = 1.0  #: maximum plausible distance [m]
+_MOMENT_SIGMA = 0.005  #: relative uncertainty of moments measured by field sensors, in addition to their noise
+_ZERO_SIGMA = (0.2, 0.01)  #: standard deviations of the cell's zero offset: force [N] and torque [N·m]
+_MIN_NOISE = (1e-4, 1e-6)  #: minimum noise of a reading [N, N·m]
 _ROUNDS, _STEP = 6, 1e-4
-_WRONG = 0.2  #: of the forces' rms may be left, relative
+_MAX_RESIDUAL_SHARE = 0.2  #: maximum residual relative to the forces' rms
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class LoadRecord:
 
 
 def list_columns(device: SphericalElectromagnet) -> tuple[str, ...]:
-    """The columns of a table of loads on `device`.
+    """Columns of a table of loads on `device`.
 
     >>> from haptorb.devices.loader import load
     >>> list_columns(load("omni"))[7:10]
@@ -65,7 +66,7 @@ def list_columns(device: SphericalElectromagnet) -> tuple[str, ...]:
 
 
 def read_loads(path: str | Path, device: SphericalElectromagnet) -> LoadRecord:
-    """The table in the file; CalibrationError with the line where it is none, or with what it lacks."""
+    """Read the table from a file; CalibrationError with the line where it is invalid, or with what is missing."""
     columns, place = list_columns(device), Path(path).expanduser()
     text = read_text(place, "table of loads", CalibrationError, _MOST_BYTES, FileKind.TABLE)
     try:
@@ -107,7 +108,7 @@ def _list_rows(text: str, path: Path, columns: tuple[str, ...], name: str) -> It
 
 
 def check_loads(record: LoadRecord, device: SphericalElectromagnet, name: str) -> None:
-    """CalibrationError unless the readings can tell what is asked of them."""
+    """Raise CalibrationError unless the readings determine the unknowns."""
     if len(record) < _MIN_READINGS:
         raise CalibrationError(f"{name} has {len(record)} readings; at least {_MIN_READINGS} are needed")
     away = np.linalg.norm(record.p, axis=1)
@@ -121,20 +122,21 @@ def check_loads(record: LoadRecord, device: SphericalElectromagnet, name: str) -
         )
     places: list[Array] = []
     for p in record.p:
-        if all(np.linalg.norm(p - one) >= _APART for one in places):
+        if all(np.linalg.norm(p - one) >= _MIN_DISTANCE_M for one in places):
             places.append(p)
-    if len(places) < _PLACES:
+    if len(places) < _MIN_POSITIONS:
         raise CalibrationError(
-            f"{name}: the tool was at {len(places)} places that are {1e3 * _APART:g} mm apart; measure at "
-            f"{_PLACES} or more, near and far, on all sides"
+            f"{name}: the tool was at {len(places)} places that are {1e3 * _MIN_DISTANCE_M:g} mm apart; measure at "
+            f"{_MIN_POSITIONS} or more, near and far, on all sides"
         )
     for number, coil in enumerate(device.coils.names):
         limit = float(device.coils.current_limit[number])
-        enough = int((np.abs(record.currents[:, number]) >= _SHARE * limit).sum())
-        if enough < _ENOUGH:
+        enough = int((np.abs(record.currents[:, number]) >= _MIN_CURRENT_SHARE * limit).sum())
+        if enough < _MIN_DRIVEN_READINGS:
             raise CalibrationError(
-                f"{name}: coil '{coil}' carries {_SHARE * limit:.3g} A or more in {enough} readings; measure at least "
-                f"{_ENOUGH} with it"
+                f"{name}: coil '{coil}' carries {_MIN_CURRENT_SHARE * limit:.3g} A or more in {enough} readings; "
+                "measure at least "
+                f"{_MIN_DRIVEN_READINGS} with it"
             )
     centred = record.currents - record.currents.mean(axis=0)
     if np.linalg.matrix_rank(centred, tol=1e-3 * np.abs(record.currents).max()) < device.channels:
@@ -143,7 +145,7 @@ def check_loads(record: LoadRecord, device: SphericalElectromagnet, name: str) -
 
 @dataclass(frozen=True)
 class _Unknown:
-    """What is looked for, as it is now."""
+    """Current values of the unknowns."""
 
     moments: Array  #: (3, m) [m²]
     centres: Array  #: (m, 3) [m]
@@ -152,7 +154,7 @@ class _Unknown:
     zero: Array  #: (6,) [N, N·m]
 
     def step(self, x: Array) -> _Unknown:
-        """Changed by `x`."""
+        """The unknowns plus the increment `x`."""
         k = self.moments.size
         return _Unknown(
             self.moments + x[:k].reshape(self.moments.shape), self.centres + x[k : 2 * k].reshape(self.centres.shape),
@@ -163,7 +165,7 @@ class _Unknown:
 def calibrate_by_loads(
     device: SphericalElectromagnet, known: Calibration, record: LoadRecord
 ) -> tuple[Calibration, Array]:
-    """`known` with what the loads tell beside it, and (2,) what they leave unexplained, rms [N, N·m].
+    """`known` improved by the loads, and (2,) the rms residuals [N, N·m].
 
     Gauss–Newton about the last values, each reading's noise as great as what is left (Bayesian least squares with the
     standard deviations of `known` and of the file). CalibrationError where forces are not those of such a device.
@@ -174,8 +176,9 @@ def calibrate_by_loads(
     off = 0.0 if tolerance is None or not device.has_sizes else tolerance.position
     spread = np.full((channels, 3), off) if known.centre_uncertainty is None else known.centre_uncertainty
     prior = np.concatenate([
-        np.hypot(known.uncertainty, _MOMENTS * sizes).ravel(), spread.ravel(), [device.uncertainty.remanence],
-        np.full(3, 0.0 if tolerance is None else tolerance.core_position), np.full(3, _ZERO[0]), np.full(3, _ZERO[1]),
+        np.hypot(known.uncertainty, _MOMENT_SIGMA * sizes).ravel(), spread.ravel(), [device.uncertainty.remanence],
+        np.full(3, 0.0 if tolerance is None else tolerance.core_position),
+        np.full(3, _ZERO_SIGMA[0]), np.full(3, _ZERO_SIGMA[1]),
     ]) + 1e-15  # fmt: skip
     start = _Unknown(known.moment_per_current, centres, 1.0, np.zeros(3), np.zeros(6))
     scales = np.concatenate([np.tile(sizes, 3), np.full(centres.size, 0.1), [1.0], np.full(3, 0.1)])
@@ -199,7 +202,7 @@ def calibrate_by_loads(
         rms = np.sqrt([(left[:, :3] ** 2).mean(), (left[:, 3:] ** 2).mean()])
         noise = np.maximum(rms, _MIN_NOISE)
     size = float(np.sqrt((record.wrench[:, :3] ** 2).mean()))
-    if not np.isfinite(rms).all() or rms[0] > _WRONG * size:
+    if not np.isfinite(rms).all() or rms[0] > _MAX_RESIDUAL_SHARE * size:
         raise CalibrationError(
             f"the loads are not those of device '{device.name}': {1e3 * rms[0]:.3g} mN rms of {1e3 * size:.3g} mN are "
             "left; check the frame of the poses (metres, magnet's centre), the signs of the forces (on the tool) and "
@@ -219,7 +222,7 @@ def calibrate_by_loads(
 
 
 def _predict(device: SphericalElectromagnet, x: _Unknown, record: LoadRecord) -> Array:
-    """(n, 6) the wrenches of the readings."""
+    """(n, 6) predicted wrenches of the readings."""
     made = replace(device, moment_per_current=x.moments, coil_centres=x.centres if device.has_sizes else None)
     found, still = np.empty((len(record), 6)), np.zeros(3)
     for n in range(len(record)):

@@ -1,4 +1,4 @@
-"""Orientation by least squares over the field tables, and the torque characteristic there: `least-squares`."""
+"""Orientation by least squares over the field tables, with the torque characteristic there: `least-squares`."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What a motor's field sensors should read and what its coils can do, as compiled code takes it: one packed array.
+# Model of a motor's field sensors and coils for compiled code: one packed array.
 
 
 class FieldModel(NamedTuple):
-    """The parts of a motor's model, within compiled code."""
+    """Parts of a motor's model, within compiled code."""
 
     field_cells: Array
     field_scale: float
@@ -54,11 +54,11 @@ class FieldModel(NamedTuple):
     groups: Array  #: (c, m)
     per_ampere: Array  #: (m, 3 k) the coils' field at the sensors [T/A]
     tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
-    least: float  #: the least cosine they hold for
+    least: float  #: minimum cosine of their range of validity
 
 
 def field_model(motor: SphericalMotor) -> Array:
-    """(n,) all of FieldModel, [T] and [N·m/A] from the motor's pair tables; `unpack` takes it apart."""
+    """(n,) packed FieldModel, [T] and [N·m/A] from the motor's pair tables; `unpack` is the inverse."""
     field, torque = motor.tables.field_pair, motor.tables.torque_pair
     coefficients, least = motor.tilt_torque
     return pack(
@@ -77,7 +77,7 @@ def field_model(motor: SphericalMotor) -> Array:
 
 @kernel
 def unpack(model: Array) -> FieldModel:
-    """What `field_model` made, its parts in their own units."""
+    """Inverse of `field_model`, each field in its own unit."""
     one = part(model, 0)
     return FieldModel(
         part(model, 1), one[0, 0], part(model, 2), one[0, 1], part(model, 3), part(model, 4)[0], part(model, 5),
@@ -105,27 +105,28 @@ def torque_per_ampere(model: FieldModel, R: Array, strength: float, matrix: Arra
 
 
 # --------------------------------------------------------------------------------------------------
-# The orientation at which the field tables explain what the sensors read, by least squares, in one compiled kernel.
+# Orientation from the sensor readings by nonlinear least squares over the field tables, in one compiled kernel.
 #
-# Unknown are the rotation vector δ of a small turn, R → exp(δ×) R, and the strength s of all magnets relative to the
-# device file: the reading of a sensor is s B(R). Each step solves the 4 × 4 normal equations of
+# Unknown are the rotation vector δ of a small rotation, R → exp(δ×) R, and the strength s of all magnets relative to
+# the device file: the reading of a sensor is s B(R). Each step solves the 4 × 4 normal equations of
 #
 #     B_read − s B(R) ≈ s ∂B/∂δ δ + B ds
 #
-# with the tables' own derivatives. Those serve as long as the rotor is near where they were taken; only the field is
-# looked up again. A sensor whose residual after the step is many times that of the others is left out and the step
-# taken again; one that fits again comes back.
+# with the tables' own derivatives. Those are reused while the rotor is near the orientation at which they were
+# computed; only the field is evaluated again. A sensor whose residual after the step is many times that of the others
+# is excluded and the step repeated; one that fits again is included again.
 
 
-_OUTLYING = 6.0  #: a residual so many times the middle one is no accident
-_MAX_TURN = 0.06  #: longest turn of one step [rad]: the field changes over a few millimetres of 62
-_NEAR = 2e-3  #: after such a turn [rad] the derivatives are some hundredths off, and so is what a step ends short of
-_WEAKEST, _STRONGEST = 0.5, 2.0  #: what is called the same rotor
-_MIN_AGREEING_SENSORS = 4  #: three-axis sensors that must agree; fewer leave no doubt to be had
+_OUTLIER_THRESHOLD_MEDIANS = 6.0  #: outlier threshold, in multiples of the median residual
+_MAX_TURN = 0.06  #: maximum rotation of one step [rad]: the field changes over a few millimetres of 62
+#: rotation [rad] after which the derivatives are a few percent off, and so is the remaining error of a step
+_MAX_DERIVATIVE_ROTATION_RAD = 2e-3
+_MIN_STRENGTH, _MAX_STRENGTH = 0.5, 2.0  #: bounds of the magnet strength for the same rotor
+_MIN_AGREEING_SENSORS = 4  #: minimum number of agreeing three-axis sensors; fewer give no redundancy
 
-#: One search for an orientation: from where, and where it has come.
+#: State of one search for an orientation.
 FIT = fields(
-    ("noise", "f8"),  # of a reading [T]: below it residuals are not distinguished
+    ("noise", "f8"),  # of a reading [T]: residuals below it are not distinguished
     ("rotation", "f8", (3, 3)),  # R, in and out
     ("strength", "f8"),  # of the magnets, relative to the device file, in and out
     ("covariance", "f8", (3, 3)),  # of R as a rotation vector [rad²], out
@@ -135,7 +136,7 @@ FIT = fields(
 
 @kernel
 def _inverse(N: Array) -> bool:
-    """The inverse of the symmetric, positive 4 × 4 matrix N in its place (Gauss–Jordan); False if it has none."""
+    """Invert the symmetric, positive 4 × 4 matrix N in place (Gauss–Jordan); False if it is singular."""
     size = N[0, 0] + N[1, 1] + N[2, 2]
     for p in range(4):
         pivot = N[p, p]
@@ -155,7 +156,7 @@ def _inverse(N: Array) -> bool:
 
 @kernel
 def _normal(field: Array, B: Array, J: Array, trusted: Array, strength: float, N: Array, step: Array) -> None:
-    """N (4, 4) and step (4,) become matrix and right side of the normal equations over the trusted sensors."""
+    """Fill N (4, 4) and step (4,): matrix and right-hand side of the normal equations over the trusted sensors."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xb, yb, zb, bb = 0.0, 0.0, 0.0, 0.0
     gx, gy, gz, gb = 0.0, 0.0, 0.0, 0.0
@@ -189,7 +190,7 @@ def _normal(field: Array, B: Array, J: Array, trusted: Array, strength: float, N
 
 @kernel
 def _solve(N: Array, step: Array) -> bool:
-    """N becomes its inverse, step the solution; False, and no step, where there is none."""
+    """Invert N in place and solve for the step; False, and no step, if N is singular."""
     if not _inverse(N):
         return False
     a, b, c, d = step[0], step[1], step[2], step[3]
@@ -200,18 +201,18 @@ def _solve(N: Array, step: Array) -> bool:
 
 @kernel
 def _threshold(squares: Array, usable: Array, count: int, floor: float) -> float:
-    """Square of a residual above which a sensor is an outlier: many times the middle one's, noise allowed for."""
+    """Squared residual above which a sensor is an outlier: a multiple of the median, with a margin for noise."""
     least = 3.0 * floor * floor
     greatest = 0.0
     for k in range(squares.shape[0]):
         greatest = max(greatest, usable[k] * squares[k])
-    suspect = greatest / (_OUTLYING * _OUTLYING)
+    suspect = greatest / (_OUTLIER_THRESHOLD_MEDIANS * _OUTLIER_THRESHOLD_MEDIANS)
     if suspect <= least:
         return np.inf
     below = 0
     for k in range(squares.shape[0]):
         below += 1 if usable[k] > 0.0 and squares[k] < suspect else 0
-    if below <= count // 2:  # the middle one itself is not below: no outlier
+    if below <= count // 2:  # the median itself is not below: no outlier
         return np.inf
     usable_squares = np.empty(count)
     n = 0
@@ -220,7 +221,7 @@ def _threshold(squares: Array, usable: Array, count: int, floor: float) -> float
             usable_squares[n] = squares[k]
             n += 1
     usable_squares.sort()
-    return float(_OUTLYING * _OUTLYING * max(usable_squares[count // 2], least))
+    return float(_OUTLIER_THRESHOLD_MEDIANS * _OUTLIER_THRESHOLD_MEDIANS * max(usable_squares[count // 2], least))
 
 
 @kernel
@@ -228,7 +229,8 @@ def _judge_sensors(
     field: Array, B: Array, J: Array, usable: Array, count: int, floor: float, strength: float, step: Array,
     squares: Array, trusted: Array,
 ) -> tuple[bool, int, float]:  # fmt: skip
-    """Say in `trusted` which sensors fit after `step`: whether that is new, how many, their sum of squares [T²]."""
+    """Mark in `trusted` the sensors that fit after `step`; returns whether that changed, their number, and residual
+    [T²]."""
     a, b, c, s = strength * step[0], strength * step[1], strength * step[2], strength + step[3]
     for k in range(field.shape[0]):
         x = field[k, 0] - s * B[k, 0] - (a * J[k, 0, 0] + b * J[k, 0, 1] + c * J[k, 0, 2])
@@ -249,7 +251,7 @@ def _judge_sensors(
 
 @kernel
 def _small_angle(A: Array, B: Array) -> float:
-    """The angle between two orientations near to each other [rad]."""
+    """Angle between two orientations close to each other [rad]."""
     square = 0.0
     for i in range(3):
         for j in range(3):
@@ -277,7 +279,7 @@ def fit_orientation(
         return False, rms, out_count
     for _ in range(most):
         here = R.reshape(1, 3, 3)
-        if _small_angle(R, taken) <= _NEAR:
+        if _small_angle(R, taken) <= _MAX_DERIVATIVE_ROTATION_RAD:
             sensor_field(
                 model.field_cells, model.field_scale, model.magnets, model.polarity, model.sensors, here, B
             )  # fmt: skip
@@ -310,10 +312,10 @@ def fit_orientation(
             for j in range(3):
                 R[i, j] = turned[i, j]
         wanted = strength + shorter * step[3]
-        strength = min(max(wanted, _WEAKEST), _STRONGEST)
+        strength = min(max(wanted, _MIN_STRENGTH), _MAX_STRENGTH)
         if length <= tolerance:
             # safety: dead-sensors
-            if wanted != strength:  # sensors without supply agree well with magnets without strength
+            if wanted != strength:  # unpowered sensors are consistent with magnets of zero strength
                 return False, rms, out_count
             noise = max(total / max(3.0 * inliers - 4.0, 1.0), fit.noise * fit.noise)
             for a in range(3):
@@ -325,11 +327,11 @@ def fit_orientation(
 
 
 # --------------------------------------------------------------------------------------------------
-# Which readings of field sensors are plausible, and what remains of them without the coils' field.
+# Plausibility of field sensor readings, and subtraction of the coils' field.
 
 
 def reading_limit(motor: SphericalMotor, orientations: Array, field: Array) -> float:
-    """A magnitude [T] that no sensor can read unless it is broken: 1.5 times the most that magnets and coils give.
+    """Magnitude [T] above which a sensor is broken: 1.5 times the maximum of magnets and coils.
 
     Over orientations (n, 3, 3), whose field (n, k, 3) [T] is given. Raises InputError where there are none.
     """
@@ -342,7 +344,7 @@ def reading_limit(motor: SphericalMotor, orientations: Array, field: Array) -> f
 
 @kernel
 def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float, out: Array, usable: Array) -> int:
-    """out (k, 3) [T] = field − the coils' part; usable (k,) 1.0 or 0.0; returns how many sensors are usable.
+    """out (k, 3) [T] = field minus the coils' part; usable (k,) 1.0 or 0.0; returns the number of usable sensors.
 
     Not usable is what is not finite and what is longer than `limit` [T]; it becomes zero in `out`. A reading of zero
     may be true: between four magnets of a checkerboard there is no field.
@@ -359,7 +361,7 @@ def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float,
         square = field[k, 0] * field[k, 0] + field[k, 1] * field[k, 1] + field[k, 2] * field[k, 2]
         total = out[k, 0] + out[k, 1] + out[k, 2]
         # safety: readings-possible
-        if square <= limit * limit and np.isfinite(total):  # NaN fails the first
+        if square <= limit * limit and np.isfinite(total):  # NaN fails the first comparison
             usable[k] = 1.0
             count += 1
         else:
@@ -369,11 +371,11 @@ def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float,
 
 
 # --------------------------------------------------------------------------------------------------
-# What the field cannot tell: the rotor's spin, but for a multiple of the magnets' period.
+# Ambiguity of the rotor's spin: multiples of the magnets' period cannot be observed from the field.
 
 
 def spin_period(motor: SphericalMotor) -> float:
-    """The smallest turn about the rotor's own z axis that takes the magnets to themselves [rad]; 0 if there is none.
+    """Smallest rotation about the rotor's own z axis that maps the magnets onto themselves [rad]; 0 if there is none.
 
     Orientations that differ by it give the same field everywhere: no sensor can tell them apart.
 
@@ -392,7 +394,7 @@ def spin_period(motor: SphericalMotor) -> float:
 
 
 def nearest_branch(R_SR: Array, near: Array, period: float) -> Array:
-    """R_SR (3, 3) turned about its own z axis by the multiple of `period` [rad] that brings it nearest to `near`.
+    """R_SR (3, 3) rotated about its own z axis by the multiple of `period` [rad] that brings it nearest to `near`.
 
     >>> third = rotation_from_euler(0, 0, 2 * np.pi / 3)
     >>> bool(np.allclose(nearest_branch(third, np.eye(3), np.pi / 3), np.eye(3)))
@@ -407,20 +409,22 @@ def nearest_branch(R_SR: Array, near: Array, period: float) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Orientation from nothing: the grid node whose field looks most like what is read, then least squares from there.
+# Cold start of the orientation: the grid node whose field matches the readings best, then least squares from there.
 
 
-_STEP = np.radians(4.0)  #: between the nodes: Gauss–Newton finds the way from half of that
-_BEYOND = np.radians(4.0)  #: the grid reaches further than the workspace
-_CANDIDATES = 8  #: nodes tried, the most alike first
-_APART = np.radians(7.0)  #: two candidates that are nearer to each other would lead to the same place
-_EXACT, _COLD_START_STEPS = 1e-6, 25  #: last step of a fit from a node [rad], and its steps at most
-_COLD_START_POOR = 0.1  #: residual over field that no orientation of the rotor explains
-_MIN_COLD_START_SENSORS = 8  #: sensors without which several orientations may look alike
+_STEP = np.radians(4.0)  #: node spacing: Gauss–Newton converges from half of that
+_GRID_MARGIN_RAD = np.radians(4.0)  #: margin of the grid beyond the workspace
+_MAX_CANDIDATES = 8  #: number of nodes tried, in order of similarity
+#: minimum distance of two candidates: closer ones converge to the same orientation
+_MIN_CANDIDATE_DISTANCE_RAD = np.radians(7.0)
+#: convergence of a cold start [rad], and its maximum number of steps
+_COLD_START_TOLERANCE, _COLD_START_STEPS = 1e-6, 25
+_COLD_START_POOR = 0.1  #: residual over field above which no orientation of the rotor explains the readings
+_MIN_COLD_START_SENSORS = 8  #: number of sensors below which several orientations may be indistinguishable
 
 
 class OrientationFix(NamedTuple):
-    """Where the rotor is, but for the branch of its spin."""
+    """Orientation of the rotor, up to the period of its spin."""
 
     R_SR: Array
     strength: float
@@ -429,13 +433,13 @@ class OrientationFix(NamedTuple):
 
 
 class ColdStart(Stateful):
-    """A grid over the workspace and one period of spin, with the field at every node."""
+    """Grid over the workspace and one period of spin, with the field at every node."""
 
     def __init__(self, motor: SphericalMotor, model: Array, noise: float) -> None:
         self._model = model
         self._slopes, self._fit = state_zeros((motor.sensors, 3, 3)), state_zeros(1, FIT)
         self._fit["noise"], self._fit["taken"] = noise, np.nan
-        reach = motor.workspace_tilt + _BEYOND
+        reach = motor.workspace_tilt + _GRID_MARGIN_RAD
         tilts = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _STEP)) + 1)
         period = spin_period(motor) or 2 * np.pi
         turns = period * np.arange(int(np.ceil(period / _STEP))) / np.ceil(period / _STEP)
@@ -447,11 +451,11 @@ class ColdStart(Stateful):
         self._fields = np.ascontiguousarray(field.reshape(len(field), -1))
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """The last fit: the next one may begin with its slopes."""
+        """Last fit: the next one may start with its derivatives."""
         return {"slopes": self._slopes, "fit": self._fit}
 
     def search(self, field: Array, usable: Array, trusted: Array) -> OrientationFix | None:
-        """The orientation that explains `field` (k, 3) [T], or None; arguments as for `fit_orientation`."""
+        """Orientation that explains `field` (k, 3) [T], or None; arguments as for `fit_orientation`."""
         fit = self._fit
         trusted[:] = usable
         count = int(usable.sum())
@@ -461,9 +465,9 @@ class ColdStart(Stateful):
         _fill_cosines(self._fields, field, usable, self._largest, likeness)
         rms = float(np.sqrt((field**2).sum() / (3 * count)))
         tried: list[Array] = []
-        for node in np.argsort(-likeness)[: 40 * _CANDIDATES]:
+        for node in np.argsort(-likeness)[: 40 * _MAX_CANDIDATES]:
             R = self._nodes[node]
-            if any(np.trace(R.T @ other) > 1 + 2 * np.cos(_APART) for other in tried):
+            if any(np.trace(R.T @ other) > 1 + 2 * np.cos(_MIN_CANDIDATE_DISTANCE_RAD) for other in tried):
                 continue
             tried.append(R)
             trusted[:] = usable
@@ -472,7 +476,7 @@ class ColdStart(Stateful):
             if converged and residual <= _COLD_START_POOR * rms and 2 * outliers <= count:  # safety: start-explained
                 found = fit.copy()[0]
                 return OrientationFix(found["rotation"], float(found["strength"]), found["covariance"], outliers)
-            if len(tried) == _CANDIDATES:
+            if len(tried) == _MAX_CANDIDATES:
                 break
         trusted[:] = usable
         return None
@@ -482,12 +486,14 @@ class ColdStart(Stateful):
 def _try_node(
     fit: Records, model: Array, field: Array, usable: Array, count: int, trusted: Array, slopes: Array
 ) -> tuple[bool, float, int]:
-    return fit_orientation(fit[0], unpack(model), field, usable, count, trusted, slopes, _EXACT, _COLD_START_STEPS)
+    return fit_orientation(
+        fit[0], unpack(model), field, usable, count, trusted, slopes, _COLD_START_TOLERANCE, _COLD_START_STEPS
+    )
 
 
 @kernel
 def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
-    """out (n,) cosine between what is read and every node's field, over the usable sensors.
+    """out (n,) cosine between the readings and every node's field, over the usable sensors.
 
     A reading longer than any the rotor can give is shortened to that: one broken sensor must not outvote the others.
     """
@@ -508,24 +514,24 @@ def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, ou
         out[n] = both / np.sqrt(max(own, 1e-30))
 
 
-_TOLERANCE = 1e-4  #: [rad]: after such a step the error is a hundredth of that squared, times ten
-_MAX_STEPS = 6  #: at most, from the last orientation on
-_MAX_RESIDUAL_SHARE = 0.1  #: residual over field: more is not noise, it is another orientation
-_PAUSE = 0.05  #: without a sample for so long [s], the angular velocity says nothing any more
+_TOLERANCE = 1e-4  #: convergence [rad]: the error after such a step is a hundredth of that squared, times ten
+_MAX_STEPS = 6  #: per tick, from the last orientation
+_MAX_RESIDUAL_SHARE = 0.1  #: residual over field above which the orientation is wrong
+_MAX_SAMPLE_GAP_S = 0.05  #: gap without a sample [s] after which the angular velocity is stale
 
-#: What tracking remembers between two ticks, and the settings that it goes by.
+#: State of tracking between two ticks, with its settings.
 TRACK = fields(
-    ("limit", "f8"),  # reading that no sensor can give unless it is broken [T]
-    ("memory", "f8"),  # of the filter [s]
+    ("limit", "f8"),  # reading above which a sensor is broken [T]
+    ("memory", "f8"),  # time constant of the filter [s]
     ("dt", "f8"),  # since the last orientation [s]; 0: the filter restarts
     ("rotation", "f8", (3, 3)),  # R as filtered
     ("w", "f8", (3,)),  # angular velocity, stator frame [rad/s]
-    ("fit", FIT),  # strength 0: there is no last orientation
+    ("fit", FIT),  # strength 0: no last orientation
 )
 
 
 class LeastSquaresOrientation(Estimator):
-    """Gauss–Newton on the rotations, from the last orientation on; from a grid where there is none.
+    """Gauss–Newton on the rotations, from the last orientation; from a grid where there is none.
 
     motor           whose tables explain the readings
     start           R_SR (3, 3) near which the spin is taken at first; the field leaves `spin_period` open (60° here)
@@ -553,7 +559,7 @@ class LeastSquaresOrientation(Estimator):
         self._track["limit"], self._track["memory"] = self._cold.limit, 0.5 * lag
         self._fit = self._track["fit"]
         self._fit["noise"], self._fit["taken"] = noise, np.nan
-        # views of the one record, copied from in every tick
+        # views of the one record, copied in every tick
         self._dt: Array = self._track["dt"]
         self._w: Array = self._track["w"][0]
         self._period = spin_period(motor)
@@ -570,7 +576,7 @@ class LeastSquaresOrientation(Estimator):
         self._rehearse()
 
     def _forget(self, near: Array) -> None:
-        """Nothing is known yet, but that the spin is near that of `near` (3, 3)."""
+        """Reset the tracking state; the spin is assumed near that of `near` (3, 3)."""
         self._found, self._t, self._near = False, -np.inf, near
         self._w[:] = self._fit["strength"] = 0.0
         unknown = State(0.0, near, self._rest, self._rest, self._rest)
@@ -578,7 +584,7 @@ class LeastSquaresOrientation(Estimator):
         self._last = Estimate(unknown, nothing, False, np.inf, spin_period=self._period)
 
     def _rehearse(self) -> None:
-        """Search and track once, so that everything is compiled before the loop begins."""
+        """Search and track once, so that all kernels are compiled before the loop begins."""
         near, rest = self._near, np.zeros(3)
         upright = self._motor.sensor_field(np.eye(3)[None], "table")[0]
         for t in (0.0, 1e-3):
@@ -587,7 +593,7 @@ class LeastSquaresOrientation(Estimator):
         self._forget(near)
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """The filter, the magnets' field [T], which sensors are used, and the last estimate."""
+        """Filter, the magnets' field [T], sensors in use, and the last estimate."""
         own = {
             "track": self._track, "slopes": self._slopes, "field": self.field, "usable": self.usable,
             "trusted": self.trusted, "near": self._kept_near, "found": self._numbers[0],
@@ -595,7 +601,7 @@ class LeastSquaresOrientation(Estimator):
         return {**own, **self._kept.arrays}
 
     def state_parts(self) -> Mapping[str, Stateful]:
-        """The search from nothing."""
+        """Cold start."""
         return {"cold": self._cold}
 
     def gather_state(self) -> None:
@@ -605,18 +611,18 @@ class LeastSquaresOrientation(Estimator):
         self._numbers[1][0], self._numbers[1][1] = self._found, self._t
 
     def apply_state(self) -> None:
-        """Take it over."""
+        """Restore the last estimate."""
         self._last, self._near = self._kept.load(), self._kept_near.copy()
         found, self._t = self._numbers[1]
         self._found = bool(found)
 
     @property
     def model(self) -> str:
-        """The tables: the fit and the torque per ampere come from them."""
+        """The tables: fit and torque per ampere use them."""
         return "table"
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`; its `pose` is not looked at.
+        """Estimate after `sample`; its `pose` is ignored.
 
         Raises InputError for readings of other sensors than the device's.
         """
@@ -627,7 +633,7 @@ class LeastSquaresOrientation(Estimator):
             )
         t, last = sample.t, self._t if self._found else -np.inf
         dt = t - last
-        if not 0.0 <= dt <= _PAUSE:
+        if not 0.0 <= dt <= _MAX_SAMPLE_GAP_S:
             self._w[:] = 0.0
             dt = 0.0
         self._dt[0] = dt
@@ -672,7 +678,7 @@ def _track_orientation(
     track: Records, packed: Array, read: Array, currents: Array, field: Array, usable: Array, trusted: Array,
     slopes: Array, matrix: Array, result: Array,
 ) -> tuple[bool, float, int]:  # fmt: skip
-    """One tick: what the magnets give of what is read; then, from the last orientation on, predict, explain, filter.
+    """One tick: subtract the coils' field; then predict from the last orientation, fit, validate, filter.
 
     track is (1,) TRACK; packed a `field_model`; read (k, 3) [T] and currents (m,) [A] the sample's; field (k, 3),
     usable, trusted (k,) and slopes (k, 3, 3) are kept between ticks; matrix (6, m) is what the coils do there. Rows of

@@ -1,4 +1,4 @@
-"""The estimators that each kind of device can have, by name."""
+"""Estimators of each kind of device, by name."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 @device_function
 @singledispatch
 def list_estimators(device: Device) -> dict[str, EstimatorChoice]:
-    """Name → choice for `device`, the default first; "tracker" for every kind of device.
+    """Name → choice for `device`, the default first; every kind of device has "tracker".
 
     >>> import haptorb
     >>> list(list_estimators(haptorb.load("omni-sensor-ring"))), list(list_estimators(haptorb.load("pmsm")))
@@ -84,7 +84,7 @@ FIELD_ESTIMATORS: dict[str, Callable[[SphericalMotor, TrainedNetworks | None], E
 
 
 def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = None) -> Estimator:
-    """The estimator `name` of FIELD_ESTIMATORS, ready for the loop: each of them also gives the orientation.
+    """Create the estimator `name` of FIELD_ESTIMATORS for the loop; each of them also estimates the orientation.
 
     `network` and `linear` find only the torque per ampere themselves; the orientation, which every world needs, comes
     from least squares beside them. `networks` names a network file; the device's own from `haptorb train` if not given.
@@ -117,7 +117,7 @@ def _choice(name: str) -> EstimatorChoice:
 
 
 def check_estimator(device: Device, name: str | None) -> str:
-    """`name` itself, or the default of `device` for None.
+    """`name` if it exists, or the default of `device` for None.
 
     Raises UnknownName for an estimator that it cannot have, InputError for one that it cannot have yet, such as
     networks before their training.
@@ -140,7 +140,7 @@ def make_estimator(
     in_turns: bool = False,
     learned: bytes = b"",
 ) -> Estimator:
-    """The estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
+    """Create the estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
 
     in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` returns it, instead
     of what this computer has. Raises UnknownName for an estimator that it cannot have.
@@ -150,8 +150,8 @@ def make_estimator(
 
 
 def read_learned(device: Device, name: str) -> bytes:
-    """The file with what the estimator `name` of `device` learned, such as networks; empty for one that learns nothing,
-    or if there is none."""
+    """File with the trained data of the estimator `name` of `device`, such as networks; empty for an estimator without
+    training, or if there is none."""
     read = list_estimators(device)[name].read_learned
     with suppress(OSError):
         return b"" if read is None else read(device)

@@ -1,4 +1,4 @@
-"""From a sample to an estimate: the abstract estimator, and the one that uses a tracker."""
+"""Sample and estimate, the abstract estimator, and the estimator that uses a tracker."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The measurements of a driver in one tick, and the estimate from them.
+# Measurements of a driver in one tick, and the estimate from them.
 
 
 @record
@@ -132,15 +132,15 @@ class Estimate:
 
 
 # --------------------------------------------------------------------------------------------------
-# The last estimate of an estimator, in arrays of fixed size: for its snapshot.
+# Last estimate of an estimator, in arrays of fixed size: for its snapshot.
 
 
 @final
 class KeptEstimate:
-    """Room for one estimate of a device with so many `channels`."""
+    """Storage for one estimate of a device with so many `channels`."""
 
     def __init__(self, channels: int) -> None:
-        #: by name; `motion` is place [m], angular velocity [rad/s] and velocity [m/s]
+        #: by name; `motion` is position [m], angular velocity [rad/s] and velocity [m/s]
         self.arrays: Mapping[str, StateArray]
         self.arrays, self._cells = make_block(
             {"rotation": (3, 3), "motion": (3, 3), "wrench_map": (6, channels), "passive": (6,), "covariance": (3, 3)},
@@ -150,11 +150,11 @@ class KeptEstimate:
         )  # fmt: skip
         _, self._turn, self._motion, self._matrix, self._passive, self._covariance = self.arrays.values()
         self._p, self._w, self._v = self._motion
-        rest = np.zeros(3)  # compiled now, and not when it is needed
+        rest = np.zeros(3)  # compiled at construction, not in the loop
         _copy_estimate(self._turn, self._motion, self._matrix, self._turn, rest, rest, rest, self._matrix)
 
     def store(self, estimate: Estimate) -> None:
-        """Copy it into the arrays."""
+        """Copy the estimate into the arrays."""
         state, cells = estimate.state, self._cells
         matrix = estimate.wrench_map.matrix
         _copy_estimate(self._turn, self._motion, self._matrix, state.R_SR, state.p, state.w, state.v, matrix)
@@ -168,7 +168,7 @@ class KeptEstimate:
             self._covariance[:] = covariance
 
     def load(self) -> Estimate:
-        """The estimate that the arrays describe. Raises ValueError for numbers that describe none."""
+        """Estimate described by the arrays. Raises ValueError for invalid numbers."""
         t, valid, age, oriented, period, has, strength, disbelieved, reversed_ = self._cells
         p, w, v = self._p.copy(), self._w.copy(), self._v.copy()
         return Estimate(
@@ -181,7 +181,7 @@ class KeptEstimate:
 
 @tick_kernel
 def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
-    total = 0.0  # a sum is not finite as soon as one part of it is not
+    total = 0.0  # a sum is not finite as soon as one summand is not
     for i in range(3):
         total += p[i] + v[i] + w[i]
         for j in range(3):
@@ -193,7 +193,7 @@ def _is_finite(p: Array, R: Array, v: Array, w: Array) -> bool:
 def _copy_estimate(
     turn: Array, motion: Array, wrench_map: Array, R: Array, p: Array, w: Array, v: Array, K: Array
 ) -> None:
-    """Three times faster than numpy's assignments. The guard's kernels have these arrays in every tick, too."""
+    """Copy in compiled code, three times faster than numpy's assignments; the guard's kernels use these arrays too."""
     for i in range(3):
         motion[0, i], motion[1, i], motion[2, i] = p[i], w[i], v[i]
         for j in range(3):
@@ -227,7 +227,7 @@ class Estimator(Stateful, ABC):
 
     @property
     def model(self) -> str:
-        """The device's model of the wrench maps; empty: none of them."""
+        """Device model of the wrench maps; empty: none."""
         return ""
 
     @property
@@ -275,7 +275,7 @@ class TrackedPose(Estimator):
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`."""
+        """Estimate after `sample`."""
         pose = sample.pose
         last = self._last
         if not _is_finite(pose.p, pose.R_SR, pose.v, pose.w):
@@ -301,7 +301,7 @@ class TrackedPose(Estimator):
         self._kept.store(self._last)
 
     def apply_state(self) -> None:
-        """Take it over."""
+        """Restore the last estimate."""
         self._last = self._kept.load()
 
     @property
@@ -318,17 +318,19 @@ class TrackedPose(Estimator):
 class EstimatorSettings:
     """Settings that the loop passes to an estimator."""
 
-    model: str | None = None  #: of the device's model; None: the device's first
-    offsets: Array | None = None  #: (k, 3) of the field sensors, where calibration found them [T]
-    in_turns: bool = False  #: whether the driver reads a part of the field sensors in each tick
-    learned: bytes = b""  #: what it learned, as `EstimatorChoice.read_learned` has it; empty: what this computer has
+    model: str | None = None  #: name of the device's model; None: the device's first
+    offsets: Array | None = None  #: (k, 3) of the field sensors, from calibration [T]
+    in_turns: bool = False  #: whether the driver reads the field sensors in turn, some in each tick
+    learned: bytes = (
+        b""  #: trained data, as returned by `EstimatorChoice.read_learned`; empty: from this computer's file
+    )
 
 
 @dataclass(frozen=True)
 class EstimatorChoice:
-    """One estimator that a kind of device can have."""
+    """Estimator available for a kind of device."""
 
-    make: Callable[[Any, EstimatorSettings], Estimator]  #: from the device
-    check: Callable[[Any], object] | None = None  #: before anything starts: InputError if it cannot be made
-    axes: int = 1  #: that each of the device's field sensors must measure
-    read_learned: Callable[[Any], bytes] | None = None  #: the file with what it learned, beside the device's
+    make: Callable[[Any, EstimatorSettings], Estimator]  #: creates it for a device
+    check: Callable[[Any], object] | None = None  #: called before start: InputError if it cannot be created
+    axes: int = 1  #: number of axes that each field sensor must measure
+    read_learned: Callable[[Any], bytes] | None = None  #: reads its trained data, stored outside the device file
