@@ -1,4 +1,4 @@
-"""Torque per ampere by small networks over each coil's own sensors: the `network` estimator, Bai 2012 §2.3.
+"""Torque per ampere from small neural networks over each coil's own sensors: the `network` estimator, Bai 2012 §2.3.
 
 One network serves all coils whose sensors lie alike around them. Each has one hidden layer; its inputs are what the
 sensors within 35° of the coil read, in the coil's own frame, its outputs the two components of K across the coil's
@@ -60,12 +60,12 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A network with one hidden layer, y = V tanh(W x + b) + d, in standardised inputs and outputs; Bai 2012 fig. 3.
+# Network with one hidden layer, y = V tanh(W x + b) + d, with standardised inputs and outputs; Bai 2012 fig. 3.
 
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """What makes numbers of one kind comparable: (value − mean) / spread, column by column.
+    """Standardisation of each column: (value − mean) / spread.
 
     mean     (n,)
     spread   (n,) standard deviations
@@ -78,7 +78,7 @@ class Scaling:
 
     @classmethod
     def of(cls, values: Array, what: str) -> Scaling:
-        """That of `values` (samples, n); InputError naming `what` where a column never changes."""
+        """Fit to `values` (samples, n); InputError naming `what` where a column is constant."""
         spread = values.std(axis=0)
         still = np.flatnonzero(~(spread > 1e-12 * np.abs(values).max()))
         if still.size:
@@ -94,14 +94,14 @@ class Scaling:
         return out
 
     def from_standard(self, values: Array) -> Array:
-        """The other way."""
+        """Inverse of `to_standard`."""
         out: Array = values * self.spread + self.mean
         return out
 
 
 @dataclass(frozen=True, slots=True)
 class Perceptron:
-    """The network's weights; `hidden` (h, n + 1) with the biases b last, `output` (m, h + 1) with d last.
+    """Weights of the network; `hidden` (h, n + 1) with the biases b last, `output` (m, h + 1) with d last.
 
     Inputs and outputs are in their own units, such as [T] and [N·m/A]; inside they are standardised.
     """
@@ -113,7 +113,7 @@ class Perceptron:
 
     @property
     def nodes(self) -> int:
-        """Of the hidden layer."""
+        """Number of hidden nodes."""
         return int(self.hidden.shape[0])
 
     def __call__(self, x: Array) -> Array:
@@ -129,7 +129,7 @@ class Perceptron:
         return self.outputs.from_standard(h @ self.output[:, :-1].T + self.output[:, -1])
 
     def fold_scalings(self) -> tuple[Array, Array]:
-        """(hidden, output) that take inputs and give outputs in their own units: both scalings multiplied in.
+        """(hidden, output) weights for inputs and outputs in their own units: both scalings multiplied in.
 
         Weights are standardised numbers over the inputs' units.
         """
@@ -142,31 +142,31 @@ class Perceptron:
 
 
 # --------------------------------------------------------------------------------------------------
-# Levenberg–Marquardt for a network with one hidden layer, with the normal matrix built from its blocks.
+# Levenberg–Marquardt for a network with one hidden layer; the normal matrix is assembled from blocks.
 #
-# The Jacobian of all samples would take gigabytes. It is never formed: with h = tanh(W x̃), x̃ = (x, 1), h̃ = (h, 1)
+# The Jacobian of all samples would take gigabytes, so it is not formed: with h = tanh(W x̃), x̃ = (x, 1), h̃ = (h, 1)
 # and g = 1 − h²,
 #
 #     ∂y_o/∂V_p = δ_op h̃,    ∂y_o/∂W_j = V_oj g_j x̃,
 #
-# so JᵀJ has the blocks δ_op Σ h̃ h̃ᵀ, Σ V_oj g_j x̃ h̃ᵀ and (VᵀV)_jk Σ g_j g_k x̃ x̃ᵀ: three products of matrices that
-# are as long as the training set and as wide as the parameters, whatever the number of outputs.
+# so JᵀJ has the blocks δ_op Σ h̃ h̃ᵀ, Σ V_oj g_j x̃ h̃ᵀ and (VᵀV)_jk Σ g_j g_k x̃ x̃ᵀ: three matrix products over the
+# samples with the size of the parameters, whatever the number of outputs.
 
 
-_MAX_TRAINING_DAMPING = 1e12  #: damping beyond which no step helps any more
+_MAX_TRAINING_DAMPING = 1e12  #: damping above which the search stops
 
-Report = Callable[[float], None]  #: called with the share that is done, 0 … 1
+Report = Callable[[float], None]  #: callback with the progress, 0 … 1
 
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """A network, and how it came about."""
+    """Trained network with its learning curve."""
 
     network: Perceptron
     rms: float  #: root mean square error of the standardised outputs
     iterations: int
-    course: Array  #: (iterations + 1,) rms after each iteration of the start that won
-    starts: Array  #: (starts,) rms of every start when the best was chosen
+    course: Array  #: (iterations + 1,) rms after each iteration of the best start
+    starts: Array  #: (starts,) rms of every start at selection
 
 
 def train_network(
@@ -179,7 +179,7 @@ def train_network(
     seed: int = 0,
     report: Report | None = None,
 ) -> TrainingResult:
-    """The network with `nodes` hidden nodes for y (samples, m) at x (samples, n), the best of several starts.
+    """Train a network with `nodes` hidden nodes for y (samples, m) at x (samples, n), the best of several starts.
 
     Every start runs on every eighth sample, the best continues with all of them: results of single starts differ by a
     factor of two. Raises InputError for a training set that cannot determine the weights.
@@ -228,7 +228,7 @@ def train_network(
 
 
 def _start(rng: np.random.Generator, n: int, m: int, nodes: int) -> tuple[Array, Array]:
-    """Weights with which the hidden nodes are neither linear nor saturated."""
+    """Initial weights for which the hidden nodes are neither linear nor saturated."""
     hidden = rng.normal(0.0, 1.0, (nodes, n + 1)) / np.sqrt(n)
     return hidden, rng.normal(0.0, 0.3, (m, nodes + 1))
 
@@ -236,7 +236,7 @@ def _start(rng: np.random.Generator, n: int, m: int, nodes: int) -> tuple[Array,
 def fit_weights(
     x: Array, y: Array, hidden: Array, output: Array, *, iterations: int, report: Report | None = None
 ) -> tuple[Array, Array, Array]:
-    """(hidden, output, course): weights after at most `iterations` steps from the given ones, and the rms on the way.
+    """(hidden, output, course): weights after at most `iterations` steps from the given ones, and the rms of each step.
 
     x (samples, n), y (samples, m), hidden (h, n + 1), output (m, h + 1) as in `Perceptron`, all standardised. A step
     that makes the error greater is not taken; the damping grows until one helps.
@@ -277,20 +277,20 @@ def fit_weights(
 def _step_weights(
     normal: Array, diagonal: Array, downhill: Array, damping: float, hidden: Array, output: Array
 ) -> tuple[Array, Array]:
-    from scipy.linalg import cho_factor, cho_solve  # a fifth of a second that only those who train should wait
+    from scipy.linalg import cho_factor, cho_solve  # imported here: it takes 0.2 s, which only training should pay
 
     damped = normal.copy()
     damped[np.diag_indices(len(damped))] += damping * np.maximum(diagonal, 1e-9 * diagonal.max())
     try:
         step = cho_solve(cho_factor(damped, lower=False, overwrite_a=True), downhill)
     except LinAlgError:
-        return hidden, output  # no descent: the caller damps more
+        return hidden, output  # no descent: the caller increases the damping
     return hidden + step[: hidden.size].reshape(hidden.shape), output + step[hidden.size :].reshape(output.shape)
 
 
 def _normal_equations(x1: Array, h1: Array, output: Array, residual: Array) -> tuple[Array, Array]:
-    """JᵀJ (upper triangle) and Jᵀ r, hidden weights first, node by node."""
-    from scipy.linalg.blas import dsyrk  # as above
+    """JᵀJ (upper triangle) and Jᵀ r, hidden weights first, in the order of the nodes."""
+    from scipy.linalg.blas import dsyrk  # imported here, as above
 
     samples, width = x1.shape
     outputs, nodes = output.shape[0], output.shape[1] - 1
@@ -299,7 +299,7 @@ def _normal_equations(x1: Array, h1: Array, output: Array, residual: Array) -> t
     many = nodes * width
     normal = np.zeros((many + outputs * (nodes + 1),) * 2)
     v = output[:, :-1]
-    # (VᵀV)_jk belongs to the whole block (j, k)
+    # (VᵀV)_jk multiplies the whole block (j, k)
     normal[:many, :many] = dsyrk(1.0, gx.T, lower=0) * np.kron(v.T @ v, np.ones((width, width)))
     mixed, plain = gx.T @ h1, h1.T @ h1
     for o in range(outputs):
@@ -312,16 +312,17 @@ def _normal_equations(x1: Array, h1: Array, output: Array, residual: Array) -> t
 
 
 # --------------------------------------------------------------------------------------------------
-# Which sensors each coil is judged by, and which coils may share one network because they see the same arrangement.
+# Sensors used for each coil, and groups of coils with the same sensor arrangement, which share one network.
 #
 # A network maps the field around a coil to that coil's torque per ampere, both in the coil's own frame (ϑ̂ southward,
-# φ̂ eastward, r̂ outward). Coils whose sensors lie alike in their own frames, up to half a turn about r̂, share it: on
-# one parallel of latitude by turning about the motor's axis, north and south by half a turn (Bai 2012 §2.3).
+# φ̂ eastward, r̂ outward). Coils with the same sensor arrangement in their own frames, up to half a turn about r̂,
+# share it: on one parallel of latitude by rotation about the motor's axis, north and south by half a turn (Bai 2012
+# §2.3).
 
 
 Numbers: TypeAlias = NDArray[np.intp]
 
-REACH = float(np.radians(35.0))  #: of a coil's sensors from its axis: the nearest ring around it
+REACH = float(np.radians(35.0))  #: of a coil's sensors from its axis: includes the nearest ring around it
 
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
@@ -340,19 +341,20 @@ class Neighbourhood:
     sensors: Numbers
 
     def inputs(self, field: Array, member: int) -> Array:
-        """(n, 3 s) what member number `member` sees of `field` (n, sensors, 3) [T], in its own frame."""
+        """(n, 3 s) inputs of member number `member` from `field` (n, sensors, 3) [T], in its own frame."""
         own: Array = field[:, self.sensors[member]] @ self.frames[member]
         return own.reshape(len(field), -1)
 
     def outputs(self, K: Array, member: int) -> Array:
-        """(n, 2) K (n, 3, coils) [N·m/A] of that member along its ϑ̂ and φ̂; along its axis a round coil has none."""
+        """(n, 2) K (n, 3, coils) [N·m/A] of that member along its ϑ̂ and φ̂; along its axis it is zero for a round
+        coil."""
         own = np.einsum("nij,ia->nja", K, self.frames[member])
         out: Array = own[:, self.coils[member], :2]
         return out
 
 
 def neighbourhoods(motor: SphericalMotor, reach: float = REACH) -> tuple[Neighbourhood, ...]:
-    """Every coil in exactly one of them; InputError where a coil has no sensor within `reach` [rad] of its axis."""
+    """Partition of the coils; InputError where a coil has no sensor within `reach` [rad] of its axis."""
     found: list[tuple[Array, list[tuple[int, Array, Numbers]]]] = []
     coils: Layout = motor.electromagnets
     for coil, frame in enumerate(coils.frames):
@@ -383,7 +385,7 @@ def neighbourhoods(motor: SphericalMotor, reach: float = REACH) -> tuple[Neighbo
 
 
 def _sort_directions(pattern: Array) -> tuple[Numbers, Array]:
-    """A canonical order of the directions (s, 3), and the directions in it."""
+    """Canonical order of the directions (s, 3), and the directions in it."""
     order = np.lexsort(np.round(pattern, 6).T + 0.0)
     return order, pattern[order]
 
@@ -393,27 +395,27 @@ def _are_equal(one: Array, other: Array) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# tanh of many numbers at once: the library's own does one after the other, and takes longer than the network's sums.
+# Vectorised tanh: the library's version is scalar, and takes longer than the network's sums.
 #
-# tanh x = 1 − 2/(e²ˣ + 1), with e²ˣ = 2ᵏ eʳ, k an integer and |r| ≤ ½ ln 2, and a polynomial for eʳ. Good to a few
-# 10⁻¹⁶ of one; not relative to small values, which a sum over nodes does not ask for. The simulation's noise has series
-# of its own (`simulation.noise`): of logarithm, sine and cosine, so that there is nothing to share.
+# tanh x = 1 − 2/(e²ˣ + 1), with e²ˣ = 2ᵏ eʳ, k an integer and |r| ≤ ½ ln 2, and a polynomial for eʳ. Absolute error of
+# a few 10⁻¹⁶; not relative to small values, which a sum over nodes does not need. The simulation's noise has its own
+# series (`simulation.noise`) for logarithm, sine and cosine, so that no code is shared.
 
 
-_LAST = 20.0  #: beyond, tanh is one to all digits
+_MAX_ARGUMENT = 20.0  #: argument above which tanh is one in double precision
 _LOG2E, _LN2 = float(1.0 / np.log(2.0)), float(np.log(2.0))
 
 
 @kernel
 def squash(values: Array) -> None:
-    """Replace every number of `values` (n,) by its tanh; not a number stays so."""
+    """Replace every entry of `values` (n,) by its tanh; NaN remains NaN."""
     powers = np.empty(values.shape[0], np.int64)
     for i in range(values.shape[0]):
-        double = 2.0 * _LOG2E * min(max(values[i], -_LAST), _LAST)
+        double = 2.0 * _LOG2E * min(max(values[i], -_MAX_ARGUMENT), _MAX_ARGUMENT)
         whole = np.rint(double)
-        powers[i] = (np.int64(np.int32(whole)) + 1023) << 52  # the bits of 2ᵏ
+        powers[i] = (np.int64(np.int32(whole)) + 1023) << 52  # bit pattern of 2ᵏ
         r = _LN2 * (double - whole)
-        # Taylor to r¹³: the next term is below 10⁻¹⁷
+        # Taylor series to r¹³: the next term is below 10⁻¹⁷
         p = 1.0 / 479001600.0 + r * (1.0 / 6227020800.0)
         p = 1.0 / 39916800.0 + r * p
         p = 1.0 / 3628800.0 + r * p
@@ -433,7 +435,7 @@ def squash(values: Array) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# The orientations that a motor's estimators learn from: a grid over the workspace, Bai 2012 §2.3.
+# Training orientations of a motor's estimators: a grid over the workspace, Bai 2012 §2.3.
 
 
 GRID = (15, 15, 72)  #: of ψ, λ and φ: 16 200 orientations
@@ -461,26 +463,26 @@ def workspace_grid(motor: SphericalMotor, counts: tuple[int, int, int] = GRID) -
 
 
 # --------------------------------------------------------------------------------------------------
-# From magnet field at the sensors straight to torque per ampere of every coil: the abstract map, and its estimator.
+# Torque per ampere of each coil directly from the magnet field at the sensors: abstract map, and its estimator.
 
 
-_COARSE = (7, 7, 24)  #: orientations from which the field's range is taken
-_EDGE = np.radians(1.0)  #: so far beyond the workspace a map may still be asked
+_RANGE_GRID = (7, 7, 24)  #: orientations for the range of the field
+_WORKSPACE_MARGIN_RAD = np.radians(1.0)  #: margin outside the workspace within which a map may be evaluated
 
 
 class TorqueMap(ABC):
-    """Ignores the orientation."""
+    """Map from magnet field to torque per ampere, without the orientation."""
 
     @abstractmethod
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
-        """out (3, coils) [N·m/A], stator frame, and known (coils,) 1.0 where it could be found, else 0.0.
+        """Fill out (3, coils) [N·m/A], stator frame, and known (coils,) 1.0 where it is determined, else 0.0.
 
         field (k, 3) [T] of the magnets alone, stator frame; usable (k,) 1.0 where a sensor is usable, else 0.0.
         """
 
 
 class FieldToTorque(Estimator):
-    """Torque per ampere by `torque_map`; orientation by least squares beside it, or honestly not estimated.
+    """Torque per ampere by `torque_map`; orientation by least squares in parallel, or reported as not estimated.
 
     motor         the device whose sensors are read
     torque_map    `NetworkTorque` or `LinearTorque`
@@ -499,9 +501,9 @@ class FieldToTorque(Estimator):
     ) -> None:
         self._motor, self._map, self._orientation = motor, torque_map, orientation
         self._per_ampere = motor.sensor_field_per_ampere
-        coarse = workspace_grid(motor, _COARSE)
+        coarse = workspace_grid(motor, _RANGE_GRID)
         self._limit = reading_limit(motor, coarse, motor.sensor_field(coarse, "table"))
-        edge = motor.workspace_tilt + _EDGE
+        edge = motor.workspace_tilt + _WORKSPACE_MARGIN_RAD
         self._sine, self._tangent = float(np.sin(edge)), float(np.tan(edge))
         self._groups = np.ascontiguousarray(motor.groups, dtype=np.float64)
         self._field = state_zeros((motor.sensors, 3))
@@ -513,29 +515,29 @@ class FieldToTorque(Estimator):
         self._turn, self._turning = np.full((3, 3), np.nan), np.full(3, np.nan)
         self._rest, self._nothing = np.zeros(3), np.zeros(6)
         magnet_field(self._field, np.zeros(motor.channels), self._per_ampere, self._limit, self._field, self._usable)
-        self._torque(self._field, self._usable)  # compiled before the loop begins
+        self._torque(self._field, self._usable)  # compiled at construction, not in the loop
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """The magnets' field [T] and what the map made of it."""
+        """The magnets' field [T] and the output of the map."""
         return {
             "field": self._field, "usable": self._usable, "single": self._single, "known": self._known,
             "last": self._numbers[0],
         }  # fmt: skip
 
     def state_parts(self) -> Mapping[str, Stateful]:
-        """What finds the orientation beside it."""
+        """The estimator of the orientation."""
         return {} if self._orientation is None else {"orientation": self._orientation}
 
     def gather_state(self) -> None:
-        """Note when the map was last known."""
+        """Copy the time of the last valid output into the state arrays."""
         self._numbers[1][0] = self._t
 
     def apply_state(self) -> None:
-        """Take it over."""
+        """Restore the time of the last valid output."""
         self._t = self._numbers[1][0]
 
     def update(self, sample: Sample) -> Estimate:
-        """The estimate after `sample`; its `pose` is not looked at.
+        """Estimate after `sample`; its `pose` is ignored.
 
         Raises InputError for readings of other sensors than the device's.
         """
@@ -565,7 +567,7 @@ class FieldToTorque(Estimator):
         )  # fmt: skip
 
     def _torque(self, field: Array, usable: Array) -> tuple[Array, bool]:
-        """(6, m) per channel, and whether enough channels are known."""
+        """(6, m) per channel, and whether enough channels are determined."""
         matrix = np.empty((6, self._groups.shape[1]))
         self._map.torque(field, usable, self._single, self._known)
         return matrix, _group_torques(self._single, self._known, self._groups, matrix) >= self._enough
@@ -573,8 +575,8 @@ class FieldToTorque(Estimator):
 
 @kernel
 def _group_torques(single: Array, known: Array, groups: Array, out: Array) -> int:
-    """out (6, m): no force, and torque per ampere of every channel, zero where one of its coils is not known; returns
-    how many are."""
+    """out (6, m): no force, and torque per ampere of every channel, zero where one of its coils is undetermined;
+    returns the number of determined channels."""
     count = 0
     for j in range(out.shape[1]):
         sure, x, y, z = 1.0, 0.0, 0.0, 0.0
@@ -593,12 +595,12 @@ def _group_torques(single: Array, known: Array, groups: Array, out: Array) -> in
     return count
 
 
-_LANES = 16  #: inputs that are summed up side by side
+_LANES = 16  #: inputs summed in parallel
 
 
 @dataclass(frozen=True)
 class TrainedNetworks:
-    """One network per neighbourhood of a device, and the record of how they were trained."""
+    """One network per neighbourhood of a device, with the training record."""
 
     device: str  #: name
     digest: str  #: of the device file
@@ -607,7 +609,7 @@ class TrainedNetworks:
     record: Mapping[str, Any] = field(default_factory=dict)
 
     def select_neighbourhoods(self, motor: SphericalMotor) -> tuple[Neighbourhood, ...]:
-        """The neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
+        """Neighbourhoods of `motor` in the networks' order; InputError if they were trained for another device."""
         if self.digest != motor.digest:  # safety: network-device
             raise InputError(
                 f"these networks were trained for device {quote(self.device)} (digest {quote(self.digest[:12])}), not "
@@ -631,7 +633,7 @@ def train(
     reach: float = REACH,
     report: Callable[[float], None] | None = None,
 ) -> TrainedNetworks:
-    """Networks for all coils of `motor`, from its own tables over the workspace's `grid` of (ψ, λ, φ).
+    """Train networks for all coils of `motor`, from its own tables over the workspace's `grid` of (ψ, λ, φ).
 
     Every orientation is seen by one coil of each neighbourhood in turn: 16 200 samples for each network by default.
     `report` is called with the share that is done. Raises InputError for a grid that cannot determine the weights.
@@ -641,13 +643,14 @@ def train(
         raise InputError(f"a training grid of {len(R)} orientations is too small; the default is {GRID}")
     B, K = motor.sensor_field(R, "table"), motor.torque_characteristic(R, "table")
     groups = neighbourhoods(motor, reach)
-    order = np.random.default_rng(seed).permutation(len(R))  # which coil sees which orientation
+    order = np.random.default_rng(seed).permutation(len(R))  # assignment of orientations to coils
     networks, records = [], []
     for number, near in enumerate(groups):
         many = len(near.coils)
         x = np.concatenate([near.inputs(B[order[i::many]], i) for i in range(many)])
         y = np.concatenate([near.outputs(K[order[i::many]], i) for i in range(many)])
-        mixed = np.random.default_rng(seed + 1).permutation(len(x))  # a part of them must look like all of them
+        # shuffled: the validation part must be representative
+        mixed = np.random.default_rng(seed + 1).permutation(len(x))
 
         def share(done: float, number: int = number) -> None:
             if report is not None:
@@ -673,7 +676,7 @@ def train(
 
 
 class NetworkTorque(TorqueMap):
-    """All networks of a device as one kernel: scalings are multiplied into the weights beforehand.
+    """All networks of a device in one kernel: scalings are multiplied into the weights beforehand.
 
     A coil with an unusable sensor is unknown: a network cannot do without an input.
     """
@@ -682,7 +685,7 @@ class NetworkTorque(TorqueMap):
         groups = networks.select_neighbourhoods(motor)
         coils, nodes = len(motor.electromagnets), max(network.nodes for network in networks.networks)
         most = max(near.sensors.shape[1] for near in groups)
-        inputs = _LANES * -(-(3 * most + 1) // _LANES)  # whole vectors; the last input is always 1, for the biases
+        inputs = _LANES * -(-(3 * most + 1) // _LANES)  # full vectors; the last input is always 1, for the biases
         self._sensors = np.full((coils, most), -1, dtype=np.int64)
         self._frames = np.zeros((coils, 3, 3))
         self._hidden = np.zeros((len(groups), nodes, inputs))
@@ -695,12 +698,12 @@ class NetworkTorque(TorqueMap):
             self._frames[near.coils] = near.frames
             self._hidden[number, :some, : 3 * many], self._hidden[number, :some, -1] = hidden[:, :-1], hidden[:, -1]
             self._output[number, :, :some], self._output[number, :, -1] = output[:, :-1], output[:, -1]
-            for first in range(0, len(near.coils), 4):  # the last four may name a coil twice
+            for first in range(0, len(near.coils), 4):  # the last four may repeat a coil
                 batches.append((number, *np.resize(near.coils[first : first + 4], 4).tolist()))
         self._batches = np.array(batches, dtype=np.int64)
 
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
-        """As `TorqueMap.torque`. (3, coils) [N·m/A]."""
+        """Evaluate the networks, as `TorqueMap.torque`. (3, coils) [N·m/A]."""
         _forward(
             self._batches, self._sensors, self._frames, self._hidden, self._output, field, usable, out, known
         )  # fmt: skip
@@ -708,7 +711,8 @@ class NetworkTorque(TorqueMap):
 
 @kernel
 def _fill_coil_inputs(sensors: Numbers, F: Array, field: Array, usable: Array, out: Array) -> float:
-    """out (inputs,) becomes the field in the axes F (3, 3) of the coil; returns 1.0 if all of it is usable, else 0."""
+    """Fill out (inputs,) with the field in the axes F (3, 3) of the coil; returns 1.0 if all of it is usable, else
+    0."""
     sure = 1.0
     for s in range(sensors.shape[0]):
         k = sensors[s]
@@ -738,7 +742,7 @@ def _forward(
             known[c] = _fill_coil_inputs(sensors[c], frames[c], field, usable, x[q])
             x[q, inputs - 1] = 1.0
         weights, x0, x1, x2, x3 = hidden[batch[0]], x[0], x[1], x[2], x[3]
-        for n in range(nodes):  # four coils at once: every weight is fetched once for them
+        for n in range(nodes):  # four coils at once: each weight is loaded once for them
             row = weights[n]
             h0, h1, h2, h3 = 0.0, 0.0, 0.0, 0.0
             for i in range(inputs):
@@ -762,18 +766,18 @@ def _forward(
 
 
 # --------------------------------------------------------------------------------------------------
-# Torque per ampere as a linear map of all readings: the `linear` estimator, quick and plain.
+# Torque per ampere as a linear map of all readings: the `linear` estimator, fast and simple.
 #
-# K ≈ M (B, 1), with M the least squares map over the workspace for readings with noise σ: a ridge of σ². The sensors
-# sit a few millimetres from the magnets, where the field has more detail than 48 places can carry; so the best linear
-# map is about a tenth of K off, whatever the noise (spatial aliasing).
+# K ≈ M (B, 1), with M the least-squares map over the workspace for readings with noise σ: ridge regression with σ². The
+# sensors are a few millimetres from the magnets, where the field has more spatial detail than 48 sensors resolve; so
+# the best linear map has an error of about a tenth of K, whatever the noise (spatial aliasing).
 
 
-_MAX_MISSING_SHARE = 0.25  #: share of the sensors that the others may stand in for
+_MAX_MISSING_SHARE = 0.25  #: maximum share of the sensors that may be replaced by estimates
 
 
 class LinearTorque(TorqueMap):
-    """An unusable sensor is replaced by the most likely value given the others, by the same least squares.
+    """Replace an unusable sensor by its most likely value given the others, by the same least squares.
 
     motor          whose tables teach the map
     noise          of one reading [T]; the device's own if not given
@@ -806,7 +810,8 @@ class LinearTorque(TorqueMap):
         self._completed = np.empty(3 * motor.sensors)
 
     def torque(self, field: Array, usable: Array, out: Array, known: Array) -> None:
-        """As `TorqueMap.torque`: all coils are known, or none where too many sensors are missing."""
+        """Evaluate the map, as `TorqueMap.torque`: all coils are determined, or none where too many sensors are
+        missing."""
         missing = np.flatnonzero(usable == 0.0)
         if missing.size > _MAX_MISSING_SHARE * self._sensors:
             known[:] = 0.0
@@ -818,7 +823,7 @@ class LinearTorque(TorqueMap):
         known[:] = 1.0
 
     def _complete(self, missing: Numbers) -> None:
-        """The likeliest readings given the others: x_m = −P_mm⁻¹ P_mo x_o, with P the inverse of their covariance."""
+        """Most likely readings given the others: x_m = −P_mm⁻¹ P_mo x_o, with P the inverse of their covariance."""
         numbers = (3 * missing[:, None] + np.arange(3)).ravel()
         self._completed[numbers] = 0.0
         known = self._precision[numbers] @ self._completed
@@ -835,9 +840,9 @@ def _map_readings(M: Array, offset: Array, x: Array, out: Array) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Trained networks on disk: one line of JSON (device, digest, training record, shapes, hash) and the weights.
+# File of trained networks: one line of JSON (device, digest, training record, shapes, hash) and the weights.
 #
-# The file belongs to one device by its digest, and is refused for another one. It is written whole or not at all.
+# The file belongs to one device by its digest, and is rejected for another one. It is written atomically.
 
 
 _KIND = "haptorb networks 1"
@@ -845,12 +850,12 @@ _MAX_FILE_BYTES = 64 * 1024 * 1024  #: bytes
 
 
 def networks_path(motor: SphericalMotor) -> Path:
-    """The default place of the networks of `motor`: in the user's cache folder, by digest."""
+    """Default path of the networks of `motor`: in the user's cache folder, by digest."""
     return cache_folder() / "networks" / f"{motor.name}-{motor.digest[:16]}.network"
 
 
 def check_networks(motor: SphericalMotor) -> TrainedNetworks:
-    """The networks of `motor` from there; InputError saying how to train them if there are none."""
+    """Read the networks of `motor` from the default path; InputError with the training command if there are none."""
     path = networks_path(motor)
     if not path.is_file():
         raise InputError(f"no network has been trained for device '{motor.name}' yet: run `haptorb train {motor.name}`")
@@ -858,7 +863,7 @@ def check_networks(motor: SphericalMotor) -> TrainedNetworks:
 
 
 def write_networks(networks: TrainedNetworks, path: Path) -> None:
-    """Write the file, or leave what was there; InputError where it cannot be written."""
+    """Write the file atomically; InputError where it cannot be written."""
     parts = [part for network in networks.networks for part in _arrays(network)]
     numbers = b"".join(np.ascontiguousarray(part, dtype="<f8").tobytes() for part in parts)
     head = {
@@ -879,7 +884,7 @@ def write_networks(networks: TrainedNetworks, path: Path) -> None:
 
 
 def read_networks(path: Path) -> TrainedNetworks:
-    """What `write_networks` wrote; InputError where the file is absent, torn, altered or something else."""
+    """Read a file of `write_networks`; InputError where it is absent, truncated, altered or of another kind."""
     try:
         content = read_bytes(path, _MAX_FILE_BYTES, "network file", InputError, FileKind.NETWORK)
     except InputError as cause:
@@ -888,8 +893,8 @@ def read_networks(path: Path) -> TrainedNetworks:
 
 
 def parse_networks(content: bytes, where: str) -> TrainedNetworks:
-    """The networks of a file's `content`; `where` it was found is what InputError names, if it is torn, altered or
-    something else."""
+    """Parse the networks of a file's `content`; `where` is its name in the InputError for a truncated, altered or other
+    file."""
     line, _, numbers = content.partition(b"\n")
     try:
         head: dict[str, Any] = parse_json(line)
@@ -919,7 +924,7 @@ def parse_networks(content: bytes, where: str) -> TrainedNetworks:
 
 
 def _check_sizes(network: Perceptron) -> None:
-    """ValueError unless weights and scalings have sizes that go together."""
+    """Raise ValueError unless the sizes of weights and scalings match."""
     inputs, outputs = len(network.inputs.mean), len(network.outputs.mean)
     nodes = len(network.hidden)
     wanted = ((nodes, inputs + 1), (outputs, nodes + 1), (inputs,), (inputs,), (outputs,), (outputs,))

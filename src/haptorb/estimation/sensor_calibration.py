@@ -1,4 +1,4 @@
-"""The self-calibration of the field sensors: what was found, how well, what could not be observed, what has failed."""
+"""Self-calibration of the field sensors: result, uncertainty, unobservable combinations, and failed sensors."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What the self-calibration found of the field sensors, as a part of a calibration file.
+# Result of the self-calibration of the field sensors, as a part of a calibration file.
 
 
 _KEYS = ("positions_m", "gain", "offsets_t", "per_ampere_t", "used")
@@ -62,7 +62,7 @@ _KEYS = ("positions_m", "gain", "offsets_t", "per_ampere_t", "used")
 
 @dataclass(frozen=True)
 class SensorCalibration:
-    """What takes the place of the device file's sensors.
+    """Calibrated values that replace the device file's sensors.
 
     positions   (k, 3) [m]; those of sensors that failed are the device file's
     correction  offset, gain, and reading per ampere of each
@@ -83,15 +83,15 @@ class SensorCalibration:
 
     @property
     def failed(self) -> tuple[int, ...]:
-        """Numbers of the sensors that are left out, from 1."""
+        """Numbers of the excluded sensors, from 1."""
         return tuple(int(n) + 1 for n in np.flatnonzero(~self.correction.used))
 
     def apply(self, hall: FieldSensors) -> FieldSensors:
-        """`hall` with what was found."""
+        """`hall` with the calibrated values."""
         return replace(hall, positions=self.positions, correction=self.correction)
 
     def numbers(self) -> dict[str, Any]:
-        """As JSON takes it, units in the keys."""
+        """As JSON, units in the keys."""
         found = self.correction
         return {
             "positions_m": self.positions.tolist(),
@@ -109,7 +109,8 @@ class SensorCalibration:
 
     @classmethod
     def parse(cls, raw: Any, name: str, sensors: int, channels: int) -> SensorCalibration:
-        """From what `numbers` gave, of so many sensors and channels; CalibrationError, under `name`, if it is none."""
+        """Parse the result of `numbers`, of so many sensors and channels; CalibrationError, under `name`, if it is
+        invalid."""
         scalars = ("uncertainty_t", "place_m", "axis_rad", "strength", "residual")
         wanted = {*_KEYS, *scalars, "unobserved"}
         if not isinstance(raw, Mapping) or set(raw) != wanted:
@@ -138,18 +139,18 @@ class SensorCalibration:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a reading owes to the lasting errors of its sensor: 15 parameters each, and how far they are known beforehand.
+# Sensitivity of a reading to the constant errors of its sensor: 15 parameters each, with their prior covariance.
 #
-# A sensor with errors θ = (b, E, d) reads r = (1 + E) B(x + d) + b where an ideal one at x reads B(x): an offset b (3)
-# [T], a matrix E (3, 3) of gain, cross-axis and rotation together, and a displacement d (3) [m].
+# A sensor with errors θ = (b, E, d) reads r = (1 + E) B(x + d) + b where an ideal one at x reads B(x): offset b (3)
+# [T], matrix E (3, 3) of gain, cross-axis sensitivity and rotation, and displacement d (3) [m].
 
 
-PARAMETERS: Final = 15  #: of one sensor
+PARAMETERS: Final = 15  #: per sensor
 OFFSET: Final = slice(0, 3)
-MIXING: Final = slice(3, 12)  #: rows of E one after another
+MIXING: Final = slice(3, 12)  #: rows of E in sequence
 DISPLACEMENT: Final = slice(12, 15)
 
-_SHIFT = 5e-5  #: of a difference quotient [m]
+_STEP_M = 5e-5  #: step of a difference quotient [m]
 
 
 def tool_readings(model: ToolModel, p: Array, R: Array) -> tuple[Array, Array, Array]:
@@ -161,16 +162,16 @@ def tool_readings(model: ToolModel, p: Array, R: Array) -> tuple[Array, Array, A
     above, below = np.empty((k, 3)), np.empty((k, 3))
     for axis in range(3):
         shift = np.zeros(3)
-        shift[axis] = _SHIFT
+        shift[axis] = _STEP_M
         tool_field(model._replace(sensors=model.sensors + shift), p, R, above, unused)
         tool_field(model._replace(sensors=model.sensors - shift), p, R, below, unused)
-        gradient[:, :, axis] = (above - below) / (2 * _SHIFT)
+        gradient[:, :, axis] = (above - below) / (2 * _STEP_M)
     tool_field(model, p, R, B, J)
     return B, J, gradient
 
 
 def sensitivity(B: Array, gradient: Array, mixing: Array | None = None) -> Array:
-    """(k, 3, 15) ∂r/∂θ of readings of the field B (k, 3) [T] whose derivative by place is gradient (k, 3, 3) [T/m].
+    """(k, 3, 15) ∂r/∂θ of readings of the field B (k, 3) [T] with position derivative gradient (k, 3, 3) [T/m].
 
     mixing (k, 3, 3): 1 + E of each sensor; None: that of ideal ones.
     """
@@ -184,7 +185,7 @@ def sensitivity(B: Array, gradient: Array, mixing: Array | None = None) -> Array
 
 
 def prior_covariance(errors: SensorErrors) -> Array:
-    """(15, 15) covariance of θ of one sensor of which the device file's distributions are all that is known.
+    """(15, 15) prior covariance of θ of one sensor, from the device file's distributions alone.
 
     >>> prior = prior_covariance(SensorErrors(gain=0.01, offset=5e-5, placement=2e-4))
     >>> np.sqrt(np.diag(prior))[[0, 3, 4, 12]].round(6).tolist()
@@ -205,21 +206,21 @@ def prior_covariance(errors: SensorErrors) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# How well real field sensors tell where the tool is: what the tracker reaches, and the best that any estimate can do.
+# Position accuracy with real field sensors: of the tracker, and the lower bound for any estimate.
 #
-# Two kinds of errors. Noise is new in every reading, and the tracker's filter averages it. Lasting errors stay, and no
-# filter helps: those of the sensors (`sensor_parameters`), of the coils' field that is subtracted, and what remains in
-# the core. With J the field's derivative by the pose, Σ the covariance of all errors and W the weight that the tracker
-# gives to the readings, the tracker's covariance is A Σ Aᵀ, A = (Jᵀ W J)⁻¹ Jᵀ W, and the bound of Cramér and Rao, for
-# errors of which Σ is all that is known, is (Jᵀ Σ⁻¹ J)⁻¹. Both are first order in the errors.
+# Two kinds of errors. Noise is independent in every reading, and the tracker's filter averages it. Constant errors are
+# not reduced by a filter: those of the sensors (`sensor_parameters`), of the coils' field that is subtracted, and the
+# remanence of the core. With J the field's derivative by the pose, Σ the covariance of all errors and W the tracker's
+# weight of the readings, the tracker's covariance is A Σ Aᵀ, A = (Jᵀ W J)⁻¹ Jᵀ W, and the Cramér–Rao bound, for errors
+# with covariance Σ, is (Jᵀ Σ⁻¹ J)⁻¹. Both are first order in the errors.
 
 
-_CALIBRATED = 1e-3  #: standard deviation of the moment map's entries that the tracker assumes, of their column
+_CALIBRATED = 1e-3  #: relative standard deviation of the moment map's entries that the tracker assumes
 
 
 @dataclass(frozen=True)
 class SensorKnowledge:
-    """What is known of the sensors' lasting errors.
+    """Covariance of the sensors' constant errors.
 
     covariance  (15 k, 15 k) of the sensors' errors θ, as in `sensor_parameters`
     coils       (3 k, m) standard deviation of what each sensor reads per ampere, where that was measured [T/A]; None:
@@ -243,16 +244,16 @@ class SensorKnowledge:
 
     @classmethod
     def of(cls, errors: SensorErrors, count: int, **known: float) -> SensorKnowledge:
-        """Of `count` sensors of which the distributions of `errors` are all that is known."""
+        """For `count` sensors with the distributions of `errors` alone."""
         whole = np.kron(np.eye(count), prior_covariance(errors))
         return cls(whole, **known)  # type: ignore[arg-type]
 
 
-_DIRECTIONS, _HIGHEST = 24, 0.3  #: in which steel is looked for; greatest cosine from the summit
+_DIRECTIONS, _HIGHEST = 24, 0.3  #: directions in which a steel ball is placed; largest cosine to the summit
 
 
 def without_errors(device: SphericalElectromagnet) -> SphericalElectromagnet:
-    """`device` with sensors that have noise and quantisation only, and a core that follows the currents: a study.
+    """`device` with sensors that have noise and quantisation only, and a core without lag: for a study.
 
     Simulated, it is built as its file says.
 
@@ -272,7 +273,7 @@ def pose_covariance(
     knowledge: SensorKnowledge,
     share: float = 1.0,
 ) -> tuple[Array, Array]:
-    """(5, 5) covariance of place [m²] and two turns across the axis [rad²]: of the tracker, and the least possible.
+    """(5, 5) covariance of position [m²] and two rotations across the axis [rad²]: of the tracker, and the lower bound.
 
     The tool is at p (3,) [m] with `axis` (3,); currents (m,) [A]; share: of the noise's standard deviation that the
     filter leaves.
@@ -303,14 +304,14 @@ def pose_covariance(
         lasting += np.diag((knowledge.coils**2) @ i**2)
     late = knowledge.eddy * unit @ device.moment_per_current @ i
     lasting += knowledge.remanent**2 * unit @ unit.T + np.outer(late, late)
-    if knowledge.uniform:  # with what the core makes of it
+    if knowledge.uniform:  # uniform external field, with the core's response
         around = np.tile(np.eye(3), (device.sensors, 1)) + unit @ device.core.moment_in(np.eye(3))
         lasting += knowledge.uniform**2 * around @ around.T
     if knowledge.steel[0]:
         lasting += _add_steel(device, at, rotation_to_axis(along), i, *knowledge.steel)
     lasting += knowledge.drift[0] ** 2 * np.eye(readings) + np.diag((knowledge.drift[1] * whole.ravel()) ** 2)
     Σ = share**2 * (noise * np.eye(readings) + ampere) + lasting
-    doubt = _CALIBRATED**2 + knowledge.eddy**2  # the tracker knows how far the core's lag may be off
+    doubt = _CALIBRATED**2 + knowledge.eddy**2  # the tracker's uncertainty includes that of the core's lag
     believed = doubt * float(columns @ i**2) + device.core_dynamics.remanent_moment**2
     W = np.linalg.inv(noise * np.eye(readings) + ampere + believed * unit @ unit.T)
     j = J.reshape(-1, 5)
@@ -342,7 +343,7 @@ def _add_steel(
 
 
 def _spread(S: Array, covariance: Array) -> Array:
-    """(3 k, 3 k) covariance of readings whose sensitivity to the sensors' errors is S (k, 3, 15)."""
+    """(3 k, 3 k) covariance of readings with sensitivity S (k, 3, 15) to the sensors' errors."""
     count = len(S)
     full = np.zeros((3 * count, PARAMETERS * count))
     for k in range(count):
@@ -352,7 +353,7 @@ def _spread(S: Array, covariance: Array) -> Array:
 
 
 def _moment_gradient(at: Array, moment: Array) -> Array:
-    """(k, 3, 3) ∂B/∂x [T/m] of a dipole `moment` (3,) [A·m²] at the centre, at places (k, 3) [m].
+    """(k, 3, 3) ∂B/∂x [T/m] of a dipole `moment` (3,) [A·m²] at the centre, at positions (k, 3) [m].
 
     ∂B_i/∂x_j = 3 K/r⁵ [m_i x_j + m_j x_i + (m·x)(δ_ij − 5 x_i x_j/r²)], K = μ0/4π.
     """
@@ -365,24 +366,24 @@ def _moment_gradient(at: Array, moment: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# A tool that a person led over the dome, as the field sensors saw it: readings, first poses, and whether it went far.
+# Readings of the field sensors along a calibration motion of the tool, first poses, and a check of their coverage.
 #
-# Which motion separates a sensor's errors: the tool on every side, near and far, upright and leaning. What was not
-# visited is named, because a person can go there.
+# A sensor's errors are separated by a motion with the tool on every side, near and far, upright and tilted. Missing
+# regions are reported, so that the user can visit them.
 
 
 _SECTORS = 6  #: of azimuth
 _LEAST_READINGS = 120
 _LEAST_IN_SECTOR = 5
-_OUTER = 0.35  #: share of the workspace's angle from which a place belongs to a sector
-_WIDE = 0.7  #: share of the workspace's angle that must be reached
-_SPAN = 0.35  #: share of the shell's thickness that must lie between low and high readings
-_LEAN = np.radians(8.0)  #: of a tenth of the readings at least
+_SECTOR_ANGLE_SHARE = 0.35  #: share of the workspace's angle from which a position belongs to a sector
+_MIN_ANGLE_SHARE = 0.7  #: share of the workspace's angle that must be reached
+_MIN_HEIGHT_SHARE = 0.35  #: share of the shell's thickness that must lie between low and high readings
+_MIN_TILT_RAD = np.radians(8.0)  #: minimum tilt of a tenth of the readings
 
 
 @dataclass(frozen=True)
 class ToolTour:
-    """n readings along the way: fields (n, k, 3) [T], coils off, and first estimates of places (n, 3) [m] and axes.
+    """n readings of a motion: fields (n, k, 3) [T], coils off, and first estimates of positions (n, 3) [m] and axes.
 
     noise: standard deviation of one of these readings, each axis [T].
     """
@@ -394,7 +395,7 @@ class ToolTour:
 
 
 def check_tour(device: SphericalElectromagnet, tour: ToolTour) -> None:
-    """CalibrationError that names what is missing, unless the tool went over the whole dome."""
+    """Raise CalibrationError with the missing regions, unless the tool covered the whole dome."""
     if len(tour.places) < _LEAST_READINGS:
         raise CalibrationError(
             f"the tool was found in {len(tour.places)} readings only, at least {_LEAST_READINGS} are needed: keep it "
@@ -409,26 +410,27 @@ def check_tour(device: SphericalElectromagnet, tour: ToolTour) -> None:
     lean = np.arccos(np.clip(np.einsum("ni,ni->n", outward, tour.axes), -1.0, 1.0))
     low, high = np.percentile(distance, (5, 95))
     missing = []
-    visits = np.bincount(sector[polar > _OUTER * half], minlength=_SECTORS)
+    visits = np.bincount(sector[polar > _SECTOR_ANGLE_SHARE * half], minlength=_SECTORS)
     empty = np.flatnonzero(visits < _LEAST_IN_SECTOR)
     if len(empty):
         wide = 360 // _SECTORS
         sides = ", ".join(f"{wide * one}° to {wide * (one + 1)}°" for one in empty)
         missing.append(f"it was not on these sides of the dome, counted from +x: {sides}")
     reached = float(np.percentile(polar, 98))
-    if reached < _WIDE * half:
+    if reached < _MIN_ANGLE_SHARE * half:
         missing.append(
-            f"it reached {np.degrees(reached):.0f}° from the summit, at least {np.degrees(_WIDE * half):.0f}° are "
-            "needed"
+            f"it reached {np.degrees(reached):.0f}° from the summit, "
+            f"at least {np.degrees(_MIN_ANGLE_SHARE * half):.0f}° are needed"
         )
-    if high - low < _SPAN * device.shell_thickness:
+    if high - low < _MIN_HEIGHT_SHARE * device.shell_thickness:
         missing.append(
-            f"its height varied by {1e3 * (high - low):.1f} mm, at least {1e3 * _SPAN * device.shell_thickness:.0f} mm "
-            "are needed"
+            f"its height varied by {1e3 * (high - low):.1f} mm, "
+            f"at least {1e3 * _MIN_HEIGHT_SHARE * device.shell_thickness:.0f} mm are needed"
         )
-    if float(np.percentile(lean, 90)) < _LEAN:
+    if float(np.percentile(lean, 90)) < _MIN_TILT_RAD:
         missing.append(
-            f"it was tilted by {np.degrees(np.percentile(lean, 90)):.0f}°, at least {np.degrees(_LEAN):.0f}° are needed"
+            f"it was tilted by {np.degrees(np.percentile(lean, 90)):.0f}°, "
+            f"at least {np.degrees(_MIN_TILT_RAD):.0f}° are needed"
         )
     if missing:
         raise CalibrationError(
@@ -438,35 +440,35 @@ def check_tour(device: SphericalElectromagnet, tour: ToolTour) -> None:
 
 
 def choose_readings(tour: ToolTour, most: int) -> ToolTour:
-    """At most `most` of the readings, evenly along the way."""
+    """At most `most` of the readings, evenly spaced."""
     chosen = np.unique(np.linspace(0, len(tour.places) - 1, most).round().astype(int))
     return ToolTour(tour.fields[chosen], tour.places[chosen], tour.axes[chosen], tour.noise)
 
 
 # --------------------------------------------------------------------------------------------------
-# Offset, gain and place of every field sensor from the coils and from a tool that a person led: bundle adjustment.
+# Offset, gain and position of every field sensor from the coils and from a moved tool: bundle adjustment.
 #
-# The tool's pose is not measured. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's place
-# and axis; what is left over, some hundred times, determines the 15 errors of each sensor (`sensor_parameters`) and the
-# strength of the tool's magnet. The coils, driven in turn, tell in addition what each sensor reads of fields of known
-# directions. Gauss–Newton on all unknowns together, where the poses are eliminated reading by reading (Schur
-# complement); Huber's weights, so that a reading that something disturbed does not pull; the device file's
-# distributions as prior, so that what cannot be observed stays where the data sheet has it, and is named.
+# The tool's pose is not measured. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's
+# position and axis; the remaining equations, some hundred times, determine the 15 errors of each sensor
+# (`sensor_parameters`) and the strength of the tool's magnet. The coils, driven in turn, add the response of each
+# sensor to fields of known directions. Gauss–Newton on all unknowns together, with the poses eliminated reading by
+# reading (Schur complement); Huber's weights reduce the influence of disturbed readings; the device file's
+# distributions are the prior, so that unobservable combinations remain at the data sheet's values, and are reported.
 
 
-_MAX_STEPS = 30  #: steps
-_DONE = 1e-2  #: of a standard deviation of the prior, a step after which no other is made
-_HUBER = 2.5  #: standard deviations beyond which a reading pulls no more strongly
-_MODEL = 1e-6  #: standard deviation of what the model of the tool's field gets wrong [T]
-_STRENGTH = 0.03  #: standard deviation of the magnet's strength, relative
-_MOMENT = 0.01  #: standard deviation of the moment map's entries, of their column: the same sensors measured it
-_NOT_DIPOLE = 0.005  #: standard deviation of the coils' field that is no dipole's, as a share
-_SMALL = 1e-12  #: variance of a prior that is zero, so that it has an inverse
+_MAX_STEPS = 30  #: Gauss–Newton iterations
+_STEP_TOLERANCE = 1e-2  #: convergence: step relative to the standard deviation of the prior
+_HUBER_SIGMAS = 2.5  #: standard deviations beyond which the influence of a reading is constant
+_MODEL_SIGMA_T = 1e-6  #: standard deviation of the model error of the tool's field [T]
+_STRENGTH_SIGMA = 0.03  #: standard deviation of the magnet's strength, relative
+_MOMENT_SIGMA = 0.01  #: relative standard deviation of the moment map's entries: measured by the same sensors
+_NOT_DIPOLE = 0.005  #: standard deviation of the coils' field from a dipole's, as a share
+_MIN_VARIANCE = 1e-12  #: variance in place of a prior of zero, so that it can be inverted
 
 
 @dataclass(frozen=True)
 class CoilReadings:
-    """What every sensor reads of the coils, tool away.
+    """Response of each sensor to the coils, without the tool.
 
     per_ampere  (k, 3, m) [T/A]
     deviation   (m,) standard deviation of its entries, by coil [T/A]
@@ -483,7 +485,7 @@ class CoilReadings:
 
 @dataclass(frozen=True)
 class SensorFit:
-    """What the bundle adjustment found.
+    """Result of the bundle adjustment.
 
     theta       (k, 15) errors of each sensor, as in `sensor_parameters`
     covariance  (15 k, 15 k) of them
@@ -505,7 +507,7 @@ class SensorFit:
 def fit_sensors(
     device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour, used: NDArray[np.bool_]
 ) -> SensorFit:
-    """The errors of the sensors `used` (k,) of `device` from what they read of the coils and of the tool.
+    """Estimate the errors of the sensors `used` (k,) of `device` from their readings of the coils and of the tool.
 
     Errors of the others stay zero. Raises CalibrationError where no errors of a likely size explain the readings.
     """
@@ -513,15 +515,15 @@ def fit_sensors(
 
 
 def predict_covariance(device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour) -> Array:
-    """(15 k, 15 k) covariance of the errors θ [T, 1, m] that `fit_sensors` would find from such readings: the inverse
-    information, that of the device file's distributions included."""
+    """(15 k, 15 k) covariance of the errors θ [T, 1, m] that `fit_sensors` would have for such readings: the inverse
+    of the information matrix, with the device file's distributions as prior."""
     H, _, _ = _Bundle(device, coils, tour, coils.used).normal()
     count = PARAMETERS * device.sensors
     return np.asarray(np.linalg.inv(H)[:count, :count], dtype=np.float64)
 
 
 class _Bundle:
-    """The unknowns as they are now: theta, strength, moment map, and a pose for each reading."""
+    """Current values of the unknowns: theta, strength, moment map, and a pose for each reading."""
 
     def __init__(
         self, device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour, used: NDArray[np.bool_]
@@ -536,21 +538,21 @@ class _Bundle:
         self._places = tour.places.copy()
         self._turns = np.array([rotation_to_axis(axis) for axis in tour.axes])
         variance = np.concatenate(
-            [np.zeros(PARAMETERS * k), [_STRENGTH**2], np.repeat(self._moment_deviation() ** 2, 3)]
+            [np.zeros(PARAMETERS * k), [_STRENGTH_SIGMA**2], np.repeat(self._moment_deviation() ** 2, 3)]
         )
         self.prior = np.diag(variance)
         for sensor in range(k):
             at = slice(PARAMETERS * sensor, PARAMETERS * (sensor + 1))
-            self.prior[at, at] = prior_covariance(device.hall.errors) + _SMALL * np.eye(PARAMETERS) * _scales()
+            self.prior[at, at] = prior_covariance(device.hall.errors) + _MIN_VARIANCE * np.eye(PARAMETERS) * _scales()
         self._weight0: Array = np.asarray(np.linalg.inv(self.prior), dtype=np.float64)
 
     def _moment_deviation(self) -> Array:
         """(m,) [m²] standard deviation of the entries of each column of the moment map."""
-        deviation: Array = _MOMENT * np.linalg.norm(self._device.moment_per_current, axis=0)
+        deviation: Array = _MOMENT_SIGMA * np.linalg.norm(self._device.moment_per_current, axis=0)
         return deviation
 
     def solve(self) -> SensorFit:
-        """Steps until nothing moves."""
+        """Iterate to convergence."""
         scale = np.sqrt(np.diag(self.prior))
         for _ in range(_MAX_STEPS):
             H, g, back = self.normal()
@@ -558,7 +560,7 @@ class _Bundle:
             if not np.isfinite(step).all():
                 raise CalibrationError("the readings are not numbers, or all equal; see `haptorb hardware monitor`")
             self._step(step, back)
-            if np.abs(step / scale).max() < _DONE:
+            if np.abs(step / scale).max() < _STEP_TOLERANCE:
                 break
         else:
             raise CalibrationError(
@@ -591,14 +593,14 @@ class _Bundle:
         return r, by_pose.reshape(-1, 5), sensitivity(B, gradient, mixing), read / self._strength
 
     def _deviation(self) -> float:
-        return float(np.hypot(self._tour.noise, _MODEL))
+        return float(np.hypot(self._tour.noise, _MODEL_SIGMA_T))
 
     def _whiten(self) -> Array:
-        """(n, k, 3) residuals by their standard deviation."""
+        """(n, k, 3) residuals divided by their standard deviations."""
         return np.array([self._predict(n)[0] for n in range(len(self._places))]) / self._deviation()
 
     def normal(self) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-        """H and g of the sensors' normal equations, poses eliminated; and for each pose what finds its own step."""
+        """H and g of the sensors' normal equations, poses eliminated; and for each pose the data for its own step."""
         H, g = self._weight0.copy(), self._weight0 @ self._find_departure()
         self._add_coils(H, g)
         back, sigma = [], self._deviation()
@@ -622,13 +624,13 @@ class _Bundle:
         return H, g, back
 
     def _find_departure(self) -> Array:
-        """(size,) how far the unknowns are from what was known of them beforehand, with the sign of a residual."""
+        """(size,) deviation of the unknowns from their prior, with the sign of a residual."""
         moments = (self._device.moment_per_current - self._moments).T.ravel()
         away: Array = np.concatenate([-self._theta.ravel(), [1.0 - self._strength], moments])
         return away
 
     def _add_coils(self, H: Array, g: Array) -> None:
-        """What the sensors read of the coils."""
+        """Add the sensors' readings of the coils."""
         self._add_rest(H, g)
         coils, P, theta = self._coils, PARAMETERS, self._theta
         fields, slopes = _coil_fields(self._device, self._moments, self._model.sensors + theta[:, DISPLACEMENT])
@@ -640,7 +642,7 @@ class _Bundle:
                 B, gradient = fields[sensor, :, coil], slopes[sensor, :, :, coil]
                 full = np.zeros((3, self._size))
                 full[:, at] = sensitivity(B[None], gradient[None], mixing[None])[0]
-                full[:, P * sensor : P * sensor + 3] = 0.0  # an offset is no answer to a current
+                full[:, P * sensor : P * sensor + 3] = 0.0  # an offset is no response to a current
                 first = P * self._k + 1 + 3 * coil
                 full[:, first : first + 3] = mixing @ unit
                 r = coils.per_ampere[sensor, :, coil] - mixing @ B
@@ -649,7 +651,7 @@ class _Bundle:
                 g += w * (full.T @ r)
 
     def _add_rest(self, H: Array, g: Array) -> None:
-        """What the sensors read at rest: their offsets, and a moment that the coils left in the core."""
+        """Add the sensors' readings at rest: their offsets, and the remanent moment of the core."""
         coils, working = self._coils, np.flatnonzero(self._used)
         rows = (PARAMETERS * working[:, None] + np.arange(3)).ravel()
         unit = np.concatenate([_unit_field(place)[0] for place in self._model.sensors[working]])
@@ -678,14 +680,14 @@ class _Bundle:
 
 
 def _weights(whitened: Array) -> Array:
-    """Huber's weight of each sensor's reading (…, k, 3): all three axes alike."""
+    """Huber's weight of each sensor's reading (…, k, 3): the same for all three axes."""
     size = np.linalg.norm(whitened, axis=-1, keepdims=True) / np.sqrt(3)
-    weights: Array = np.broadcast_to(np.minimum(1.0, _HUBER / np.maximum(size, 1e-12)), whitened.shape)
+    weights: Array = np.broadcast_to(np.minimum(1.0, _HUBER_SIGMAS / np.maximum(size, 1e-12)), whitened.shape)
     return weights
 
 
 def _scales() -> Array:
-    """(15, 15) unit of each parameter's variance, on the diagonal: for a prior that says nothing can differ."""
+    """(15, 15) unit variance of each parameter, on the diagonal: regularises a prior of zero."""
     scale = np.eye(PARAMETERS)
     scale[OFFSET, OFFSET] *= 1e-4
     scale[DISPLACEMENT, DISPLACEMENT] *= 1e-4
@@ -693,8 +695,8 @@ def _scales() -> Array:
 
 
 def _coil_fields(device: SphericalElectromagnet, moments: Array, places: Array) -> tuple[Array, Array]:
-    """(k, 3, m) [T/A] of the coils of `device` at `places` (k, 3) [m] if their moments per ampere were `moments` (3, m)
-    [m²]; (k, 3, 3, m) [i, j] their derivative by place [T/(A·m)]."""
+    """(k, 3, m) [T/A] of the coils of `device` at `places` (k, 3) [m] for moments per ampere `moments` (3, m)
+    [m²]; (k, 3, 3, m) [i, j] their derivative by position [T/(A·m)]."""
     h = 1e-5
     steps = h * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     at = (places[None] + steps[:, None]).reshape(-1, 3)
@@ -704,7 +706,7 @@ def _coil_fields(device: SphericalElectromagnet, moments: Array, places: Array) 
 
 def _unit_field(place: Array) -> tuple[Array, Array]:
     """(3, 3) field [T/(A·m²)] at `place` (3,) [m] of unit moments along x, y, z at the centre; (3, 3, 3) [i, a, j] its
-    derivative by place, of moment a."""
+    derivative by position, of moment a."""
     h = 1e-5
 
     def unit(at: Array) -> Array:
@@ -716,23 +718,23 @@ def _unit_field(place: Array) -> tuple[Array, Array]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What coils and a led tool cannot tell of the sensors: common changes that change no reading, or hardly any.
+# Unobservable combinations of sensor errors: common changes that change no reading, or hardly any.
 #
-# Each is a linear function of the sensors' errors. Its standard deviation after the calibration is held against that of
-# the device file: where most of it is left, the readings said nothing, and only the device file does.
+# Each is a linear function of the sensors' errors. Its standard deviation after the calibration is compared with that
+# of the device file: where most of it remains, the readings contain no information on it.
 
 
-_UNOBSERVED = 0.7  #: share of the prior's standard deviation that is left
+_UNOBSERVED = 0.7  #: remaining share of the prior's standard deviation above which it is unobserved
 
 
 def _functions(device: SphericalElectromagnet, used: NDArray[np.bool_]) -> dict[str, tuple[Array, str, float, str]]:
-    """Name → (c (15 k,) with value c·θ, what it is, factor to its unit, unit)."""
+    """Name → (c (15 k,) with value c·θ, description, factor to its unit, unit)."""
     k, count = device.sensors, int(used.sum())
     places = device.hall.positions
     out: dict[str, tuple[Array, str, float, str]] = {}
     for axis, name in enumerate("xyz"):
         c = np.zeros((k, PARAMETERS))
-        i, j = (axis + 1) % 3, (axis + 2) % 3  # E of sensors turned by ω: 1 − [ω]×
+        i, j = (axis + 1) % 3, (axis + 2) % 3  # E of sensors rotated by ω: 1 − [ω]×
         c[:, 3 + 3 * i + j], c[:, 3 + 3 * j + i] = 0.5 / count, -0.5 / count
         out[f"turn-{name}"] = (c, f"rotation of all sensors together about {name}", float(np.degrees(1.0)), "°")
     c = np.zeros((k, PARAMETERS))
@@ -747,7 +749,7 @@ def _functions(device: SphericalElectromagnet, used: NDArray[np.bool_]) -> dict[
 def find_observed_share(
     device: SphericalElectromagnet, covariance: Array, used: NDArray[np.bool_]
 ) -> dict[str, tuple[float, float]]:
-    """Name → standard deviation that is left of that of the device file (1: nothing was observed), and what is left.
+    """Name → remaining share of the device file's standard deviation (1: not observed), and the deviation itself.
 
     covariance (15 k, 15 k) of the errors θ [T, 1, m] after the calibration; used (k,).
     """
@@ -760,7 +762,7 @@ def find_observed_share(
 
 
 def list_unobserved(device: SphericalElectromagnet, covariance: Array, used: NDArray[np.bool_]) -> tuple[str, ...]:
-    """One sentence for each common change that the readings said nothing of.
+    """One sentence for each common change without information in the readings.
 
     covariance (15 k, 15 k) of the errors θ [T, 1, m] after the calibration; used (k,).
     """
@@ -773,22 +775,22 @@ def list_unobserved(device: SphericalElectromagnet, covariance: Array, used: NDA
     return tuple(lines)
 
 
-_READINGS = 360  #: of the tour that the fit uses
-_STRANGE = 4.0  #: times the middle sensor's residual, above which a sensor has failed
-_FAILED_SHARE = 4  #: one of so many sensors may have failed
-_WORST = 3.0  #: the fit may leave so many standard deviations of the readings
-_HARDLY = 0.01  #: share of the noise that is left where only lasting errors count
-_FAR = 1e-3  #: the lasting error of the place over the shell may be that, rms [m]
+_MAX_FIT_READINGS = 360  #: maximum number of readings in the fit
+_FAILED_RESIDUAL_RATIO = 4.0  #: multiple of the median sensor's residual above which a sensor has failed
+_FAILED_SHARE = 4  #: one in so many sensors may have failed
+_MAX_RESIDUAL_SIGMAS = 3.0  #: limit on the residual, in standard deviations of the readings
+_NOISE_SHARE = 0.01  #: remaining share of the noise where only constant errors count
+_MAX_POSITION_ERROR_M = 1e-3  #: limit on the rms position error from constant errors over the shell [m]
 
 
 def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour) -> SensorCalibration:
-    """Offset, gain and place of every sensor of `device` from what it reads of coils and of a tool that was led.
+    """Offset, gain and position of every sensor of `device` from its readings of the coils and of a moved tool.
 
     A sensor that follows neither coils nor tool has failed: it is left out. Raises CalibrationError, saying what to do,
     for a tool that was not moved enough, for too many sensors that fail, and where nothing explains the readings.
     """
     check_tour(device, tour)
-    chosen = choose_readings(tour, _READINGS)
+    chosen = choose_readings(tour, _MAX_FIT_READINGS)
     used = coils.used.copy()
     for _ in range(1 + len(used) // _FAILED_SHARE):
         check_failures(device, used)
@@ -799,7 +801,7 @@ def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour:
         used[strange] = False
     else:
         check_failures(device, used)
-    if fit.residual > _WORST:
+    if fit.residual > _MAX_RESIDUAL_SIGMAS:
         raise CalibrationError(
             f"the best fit leaves {fit.residual:.1f} standard deviations of the readings: keep other magnets and iron "
             "away, and check that the tool is the one of the device file"
@@ -807,7 +809,7 @@ def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour:
     theta, mixing = fit.theta, np.eye(3) + fit.theta[:, MIXING].reshape(-1, 3, 3)
     positions = device.hall.positions + theta[:, DISPLACEMENT]
     place, axis, uncertainty = uncertainty_over_shell(device, fit.covariance, coils.deviation, used)
-    if not place < _FAR:
+    if not place < _MAX_POSITION_ERROR_M:
         raise CalibrationError(
             f"the sensors' errors remain so uncertain that the tool's position would be {1e3 * place:.1f} mm off: "
             "move the tool more slowly and over the whole dome, and repeat from the step 'fields' (--restart)"
@@ -820,7 +822,7 @@ def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour:
 
 
 def check_failures(device: SphericalElectromagnet, used: NDArray[np.bool_]) -> None:
-    """CalibrationError that names the sensors which have failed, if they are more than a quarter."""
+    """Raise CalibrationError with the failed sensors, if they are more than a quarter."""
     failed = [str(n + 1) for n in np.flatnonzero(~used)]
     if len(failed) > device.sensors // _FAILED_SHARE:
         raise CalibrationError(
@@ -830,14 +832,14 @@ def check_failures(device: SphericalElectromagnet, used: NDArray[np.bool_]) -> N
 
 
 def _find_failed(fit: SensorFit, used: NDArray[np.bool_]) -> int | None:
-    """The sensor whose residuals are far above the others', from 0."""
+    """Sensor with residuals far above the others', from 0; None if there is none."""
     each = np.where(used, fit.by_sensor, 0.0)
     worst = int(np.argmax(each))
-    return worst if each[worst] > _STRANGE * max(float(np.median(each[used])), 1.0) else None
+    return worst if each[worst] > _FAILED_RESIDUAL_RATIO * max(float(np.median(each[used])), 1.0) else None
 
 
 def shell_sample(device: SphericalElectromagnet, count: int = 3) -> tuple[Array, Array]:
-    """Places (n, 3) [m] all over the shell and their weights (n,), as an integral over directions and distances."""
+    """Positions (n, 3) [m] over the whole shell and their weights (n,), for integrals over directions and distances."""
     middle = (np.arange(count) + 0.5) / count
     distance = device.contact_distance + device.shell_thickness * middle
     angle = device.workspace_half_angle * middle
@@ -850,7 +852,8 @@ def shell_sample(device: SphericalElectromagnet, count: int = 3) -> tuple[Array,
 def uncertainty_over_shell(
     device: SphericalElectromagnet, covariance: Array, coil_deviation: Array, used: NDArray[np.bool_]
 ) -> tuple[float, float, float]:
-    """rms lasting errors over the shell, coils off: of place [m] and axis [rad], and of one reading of the tool [T].
+    """rms constant errors over the shell, coils off: of position [m] and axis [rad], and of one reading of the tool
+    [T].
 
     covariance (15 k, 15 k) of the sensors' errors; coil_deviation (m,) [T/A].
     """
@@ -866,7 +869,7 @@ def uncertainty_over_shell(
     places, weights = shell_sample(device)
     squares = np.zeros(3)
     for p, weight in zip(places, weights, strict=True):
-        reached, _ = pose_covariance(part, p, p, off, knowledge, share=_HARDLY)
+        reached, _ = pose_covariance(part, p, p, off, knowledge, share=_NOISE_SHARE)
         B, _, gradient = tool_readings(model, p, rotation_to_axis(p))
         S = sensitivity(B, gradient)
         blocks = [
@@ -879,16 +882,17 @@ def uncertainty_over_shell(
 
 
 # --------------------------------------------------------------------------------------------------
-# What the self-calibration will know of a device's sensors, before anybody takes it: from its information matrix.
+# Predicted result of the self-calibration for a device, from its information matrix.
 
 
-_TOGETHER = 10  #: samples that one reading of the tour is the mean of
-_COIL_SAMPLES = 20 * 25  #: samples at ± 75 % of each coil's current
+_AVERAGED_SAMPLES = 10  #: number of samples averaged into one reading of the motion
+_COIL_SAMPLES = 20 * 25  #: number of samples at ± 75 % of each coil's current
 _COIL_SHARE = 0.75
 
 
 def spread_tour(device: SphericalElectromagnet, count: int = 360, noise: float | None = None) -> ToolTour:
-    """`count` ideal readings of a tool all over the shell, leaning by up to 23° to all sides, of `noise` [T] each.
+    """`count` ideal readings of a tool over the whole shell, tilted by up to 23° to all sides, with noise of `noise`
+    [T].
 
     >>> from haptorb.devices.loader import load
     >>> spread_tour(load("omni"), 12).fields.shape
@@ -908,11 +912,13 @@ def spread_tour(device: SphericalElectromagnet, count: int = 360, noise: float |
         axis = outward[k] + lean[k] * (np.cos(side[k]) * R[:, 0] + np.sin(side[k]) * R[:, 1])
         axes[k] = axis / np.linalg.norm(axis)
         fields[k] = tool_readings(model, np.ascontiguousarray(places[k]), rotation_to_axis(axes[k]))[0]
-    return ToolTour(fields, places, axes, _reading_noise(device) / np.sqrt(_TOGETHER) if noise is None else noise)
+    return ToolTour(
+        fields, places, axes, _reading_noise(device) / np.sqrt(_AVERAGED_SAMPLES) if noise is None else noise
+    )
 
 
 def predict_coils(device: SphericalElectromagnet) -> CoilReadings:
-    """What the step `fields` of a calibration finds of ideal sensors, and how sure."""
+    """Predicted result of the step `fields` of a calibration with ideal sensors, with its uncertainty."""
     noise = _reading_noise(device)
     deviation = noise / np.sqrt(_COIL_SAMPLES) / (_COIL_SHARE * device.driven_current)
     rest = noise / np.sqrt(_COIL_SAMPLES)
@@ -921,7 +927,7 @@ def predict_coils(device: SphericalElectromagnet) -> CoilReadings:
 
 
 def predict_knowledge(device: SphericalElectromagnet, readings: int = 360) -> SensorKnowledge:
-    """What is known of the sensors' errors after the steps `fields` and `sensors`, with so many readings."""
+    """Predicted covariance of the sensors' errors after the steps `fields` and `sensors`, with so many readings."""
     coils = predict_coils(device)
     covariance = predict_covariance(device, coils, spread_tour(device, readings))
     per_reading: Array = np.broadcast_to(coils.deviation, (3 * device.sensors, device.channels))

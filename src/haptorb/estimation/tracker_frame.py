@@ -1,4 +1,4 @@
-"""A tracker's frame: its registration as a versioned JSON text, the fit from touches, and the checks of their poses.
+"""Registration of a tracker's frame: versioned JSON text, fit from touched points, and checks of their poses.
 
 Every check raises CalibrationError with what was found, where, and what to do.
 """
@@ -52,16 +52,16 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What a tracker said while a person touched the device with the tool: poses of its rigid body, in its own frame.
+# Tracker data of a registration: poses of the tool's rigid body at touched points, in the tracker's frame.
 
 
-_UNIT = 0.1  #: a quaternion's length may be off 1 by this
+_NORM_TOLERANCE = 0.1  #: tolerance of a quaternion's norm
 
 
 @final
 @dataclass(frozen=True)
 class Touches:
-    """Poses of the body.
+    """Poses of the rigid body.
 
     p  (n, 3) where its origin was, tracker frame [m]
     q  (n, 4) unit quaternions (x, y, z, w) that turn the body's vectors into the tracker's
@@ -72,14 +72,14 @@ class Touches:
 
     @classmethod
     def of(cls, p: ArrayLike, q: ArrayLike, what: str) -> Touches:
-        """With the quaternions' lengths made one.
+        """Create from arrays, with normalised quaternions.
 
         Raises InputError for other shapes or what is not finite, CalibrationError for what is no rotation.
         """
         places, turns = check_finite(p, f"{what}: positions"), check_finite(q, f"{what}: quaternions")
         places, turns = places.reshape(-1, 3), turns.reshape(len(places), 4)
         length = np.linalg.norm(turns, axis=1)
-        if (np.abs(length - 1.0) > _UNIT).any():
+        if (np.abs(length - 1.0) > _NORM_TOLERANCE).any():
             worst = float(length[np.argmax(np.abs(length - 1.0))])
             raise CalibrationError(
                 f"{what}: the tracker's quaternions must have length 1; one has {worst:.3g}. Angles or a matrix must "
@@ -92,7 +92,7 @@ class Touches:
 
     @cached_property
     def R(self) -> Array:
-        """(n, 3, 3) turns the body's vectors into the tracker's."""
+        """(n, 3, 3) rotations from the body's frame to the tracker's."""
         x, y, z, w = self.q.T
         rows = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -102,19 +102,19 @@ class Touches:
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
     def point(self, at: Array) -> Array:
-        """(n, 3) [m] where the body's point `at` (3,) [m] was, tracker frame."""
+        """(n, 3) [m] positions of the body's point `at` (3,) [m], tracker frame."""
         places: Array = self.p + self.R @ at
         return places
 
     def select(self, which: Array) -> Touches:
-        """Those of which `which` (n,) is true."""
+        """Those for which `which` (n,) is true."""
         return Touches(self.p[which], self.q[which])
 
 
 @final
 @dataclass(frozen=True)
 class TouchSession:
-    """A whole session.
+    """Poses of one registration.
 
     dome   the tip anywhere on the dome, the tool tilted in all directions; it may have been lifted now and then
     marks  by mark: the tip in it, the tool tilted to all sides
@@ -127,29 +127,29 @@ class TouchSession:
 
 
 # --------------------------------------------------------------------------------------------------
-# Tip, sphere, frame and axis in closed form, each by itself: where least squares over everything begins.
+# Tip, sphere, frame and axis in closed form, each independent: starting point of the least squares.
 #
-# None of them needs another's answer but the tip, so they are also what that answer is held against.
+# None of them needs the result of another except the tip, so they also serve as a check.
 
 
-_ROUNDS = 6  #: of leaving out what does not lie on the sphere
-_FRAME_START_LEFT_OUT = 4.0  #: robust standard deviations from which a touch does not lie on it
-_START_TOLERANCE_M = 0.3e-3  #: nor is one left out that is nearer to it than this [m]
+_MAX_REJECTION_ROUNDS = 6  #: maximum number of iterations of outlier rejection
+_FRAME_START_LEFT_OUT = 4.0  #: robust standard deviations above which a touch is not on the sphere
+_START_TOLERANCE_M = 0.3e-3  #: nor is one rejected that is nearer to it than this [m]
 
 
 @final
 @dataclass(frozen=True)
 class Pivot:
-    """A tip that stood in several places while its body was turned about it."""
+    """Pivot calibration: tip that stood at several points while its body was rotated about it."""
 
     tip: Array  #: (3,) in the body [m]
     places: Array  #: (k, 3) of the tip, tracker frame [m]
-    rms: float  #: of what is left per axis [m]
-    weakest: float  #: smallest singular value per root of poses: how far the tilts determine the tip, 0 … 1
+    rms: float  #: of the residual per axis [m]
+    weakest: float  #: smallest singular value per square root of the number of poses: observability of the tip, 0 … 1
 
 
 def pivot(stands: Sequence[Touches]) -> Pivot:
-    """The tip and the places in which it stood: P + Q a = b is linear in both."""
+    """Tip and pivot points: P + Q a = b is linear in both."""
     poses = sum(len(one) for one in stands)
     rows, right = np.zeros((3 * poses, 3 + 3 * len(stands))), np.empty(3 * poses)
     at = 0
@@ -161,14 +161,14 @@ def pivot(stands: Sequence[Touches]) -> Pivot:
         at = end
     found = np.asarray(np.linalg.lstsq(rows, right, rcond=None)[0], dtype=np.float64)
     left = rows @ found - right
-    # what the tilts say of the tip alone: the places are free
+    # information on the tip alone: the pivot points are free
     spread = np.concatenate([(one.R - one.R.mean(axis=0)).reshape(-1, 3) for one in stands])
     weakest = float(np.linalg.svd(spread, compute_uv=False)[-1] / np.sqrt(poses))
     return Pivot(found[:3], found[3:].reshape(-1, 3), float(np.sqrt((left**2).mean())), weakest)
 
 
 def sphere(points: Array) -> tuple[Array, float, Array]:
-    """(centre (3,), radius [m], (n,) which points lie on it): |x|² = 2 c·x + (r² − |c|²) is linear in c and the rest.
+    """(centre (3,), radius [m], (n,) inliers): |x|² = 2 c·x + (r² − |c|²) is linear in c and the remainder.
 
     Points far off it, where the tip was lifted, are left out round by round.
     """
@@ -176,7 +176,7 @@ def sphere(points: Array) -> tuple[Array, float, Array]:
     x = points - middle
     on = np.ones(len(x), dtype=bool)
     centre, radius = np.zeros(3), 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_REJECTION_ROUNDS):
         rows = np.column_stack([2.0 * x[on], np.ones(int(on.sum()))])
         found, *_ = np.linalg.lstsq(rows, (x[on] ** 2).sum(axis=1), rcond=None)
         centre = found[:3]
@@ -190,7 +190,7 @@ def sphere(points: Array) -> tuple[Array, float, Array]:
 
 
 def fit_points(places: Array, known: Array, *, mirrored: bool = False) -> tuple[Array, Array, float]:
-    """(R (3, 3), t (3,), rms [m]): the rotation, or the reflection, that lays places (k, 3) onto known (k, 3) best.
+    """(R (3, 3), t (3,), rms [m]): rotation, or reflection, that maps places (k, 3) onto known (k, 3), least squares.
 
     R places + t ≈ known, by the singular value decomposition of their covariance (Kabsch).
     """
@@ -205,15 +205,15 @@ def fit_points(places: Array, known: Array, *, mirrored: bool = False) -> tuple[
 @final
 @dataclass(frozen=True)
 class Roll:
-    """A body that was turned about one of its own axes."""
+    """Body rotated about one of its own axes."""
 
-    axis: Array  #: (3,) unit vector in the body; its sense is not known
-    wobble: float  #: rms angle by which the axis moved [rad]
-    angle: float  #: by how much it was turned, up to a whole turn [rad]
+    axis: Array  #: (3,) unit vector in the body; its sign is undetermined
+    wobble: float  #: rms angular motion of the axis [rad]
+    angle: float  #: rotation angle, up to a full turn [rad]
 
 
 def find_roll(poses: Touches) -> Roll:
-    """The axis u whose directions Q u differ least: the longest mean of all, so the first eigenvector of Q̄ᵀ Q̄."""
+    """Axis u with the smallest spread of Q u: the longest mean, so the first eigenvector of Q̄ᵀ Q̄."""
     mean = poses.R.mean(axis=0)
     axis: Array = np.linalg.eigh(mean.T @ mean)[1][:, -1]
     directions = poses.R @ axis
@@ -229,28 +229,27 @@ def find_roll(poses: Touches) -> Roll:
 
 
 # --------------------------------------------------------------------------------------------------
-# What is wrong with a tracker whose poses do not fit: found by trying what people mix up, and said by name.
+# Diagnosis of a tracker whose poses do not fit: common mistakes are tried and reported by name.
 #
-# Every check raises CalibrationError with what was found, where, and what to do.
+# Every check raises CalibrationError with cause, location and remedy.
 
 
-LEAST_DOME, LEAST_MARK, LEAST_ROLL = 30, 8, 12  #: poses that differ, for a step to tell anything
+LEAST_DOME, LEAST_MARK, LEAST_ROLL = 30, 8, 12  #: minimum number of distinct poses of each step
 
-_FRAME_CHECKS_LOOSE = (
-    2e-3  #: rms from which the poses are no tip's in marks; as a share of the marks' distances further on [m]
-)
-_TILT = np.sin(np.deg2rad(5.0))  #: rms tilt in the marks below which the tip is not determined
-_SCALE = 0.02  #: metres are metres to this
+#: limit on the rms of a tip in the marks; as a share of the marks' distances beyond [m]
+_FRAME_CHECKS_LOOSE = 2e-3
+_MIN_TILT = np.sin(np.deg2rad(5.0))  #: rms tilt in the marks below which the tip is not observable
+_SCALE_TOLERANCE = 0.02  #: tolerance of the tracker's scale
 _UNITS = {1e3: "millimetres", 1e2: "centimetres", 1 / 0.0254: "inches", 1 / 0.3048: "feet"}
-_RADIUS = 1e-3  #: the dome's radius is that of the file, to this [m]
-_LIFTED = 0.25  #: share of the touches on the dome that may not be on it
-_APART = 4e-3  #: the centre by the dome and the centre by the marks agree to this; so do the marks with each other [m]
-_SPREAD = np.deg2rad(35.0)  #: half angle that the touches on the dome must reach at least [rad]
-_WOBBLE, _ROLLED = np.deg2rad(1.5), np.deg2rad(90.0)  #: [rad]
+_RADIUS_TOLERANCE_M = 1e-3  #: tolerance of the dome's radius against the file's [m]
+_MAX_OUTLIER_SHARE = 0.25  #: maximum share of the touches on the dome that may be outliers
+_CENTRE_TOLERANCE_M = 4e-3  #: tolerance between the centres by dome and by marks, and between the marks [m]
+_MIN_SPREAD_RAD = np.deg2rad(35.0)  #: minimum half angle of the touches on the dome [rad]
+_MAX_WOBBLE_RAD, _MIN_ROLL_RAD = np.deg2rad(1.5), np.deg2rad(90.0)  #: [rad]
 
 
 def check_enough(touched: TouchSession, names: Sequence[str]) -> None:
-    """There are poses to work with, for every mark of `names`."""
+    """Check for enough poses, for every mark of `names`."""
     wanted = [("on the dome", touched.dome, LEAST_DOME), ("while rolling", touched.roll, LEAST_ROLL)]
     missing = [name for name in names if name not in touched.marks]
     if missing:
@@ -265,7 +264,7 @@ def check_enough(touched: TouchSession, names: Sequence[str]) -> None:
 
 
 def check_pivot(stands: Sequence[Touches]) -> Pivot:
-    """The tip by the marks alone, if the poses are those of a rigid body about a tip."""
+    """Tip from the marks alone; checks that the poses are those of a rigid body about a tip."""
     found = pivot(stands)
     size = max(float(np.linalg.norm(found.places - found.places.mean(axis=0), axis=1).mean()), 1e-9)
     loose = _FRAME_CHECKS_LOOSE * max(1.0, size / 0.03)  # in millimetres everything is a thousand times larger
@@ -282,7 +281,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
             "mark while the tool is tilted, the markers must not move on the tool, and positions and quaternions must "
             "be of the same, right-handed frame"
         )
-    if found.weakest < _TILT:
+    if found.weakest < _MIN_TILT:
         raise CalibrationError(
             f"in the marks the tool was tilted by no more than {np.rad2deg(np.arcsin(found.weakest)):.1f}° (rms, about "
             "the least of three axes): the tip's place in the body is not observable. Tilt by 20° or more to all "
@@ -292,7 +291,7 @@ def check_pivot(stands: Sequence[Touches]) -> Pivot:
 
 
 def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
-    """The quaternions as they would be meant if their order were mixed up."""
+    """Quaternions under the common mistakes in the order of their components."""
     first = [one.q[:, [1, 2, 3, 0]] for one in stands]
     return {
         "the quaternion's w came first (w x y z)": first,
@@ -302,13 +301,14 @@ def _list_misreadings(stands: Sequence[Touches]) -> dict[str, list[Array]]:
 
 
 def check_scale(places: Array, known: Array) -> None:
-    """The tracker speaks metres: by the distances between places and known marks (k, 3) [m], whichever is which."""
+    """Check that the tracker's unit is the metre: by the distances between places and known marks (k, 3) [m], in any
+    order."""
 
     def size(points: Array) -> float:
         return sum(float(np.linalg.norm(a - b)) for a, b in combinations(points, 2))
 
     scale = size(places) / size(known)
-    if abs(scale - 1.0) <= _SCALE:  # safety: frame-scale
+    if abs(scale - 1.0) <= _SCALE_TOLERANCE:  # safety: frame-scale
         return
     unit = next((f" {name}" for factor, name in _UNITS.items() if abs(scale / factor - 1.0) < 0.05), "")
     what = f"reports{unit}: " if unit else "is out of scale: "
@@ -319,13 +319,13 @@ def check_scale(places: Array, known: Array) -> None:
 
 
 def check_sphere(radius: float, on: Array, known: float) -> None:
-    """The dome of `radius` [m] is the file's of `known` [m], and most touches, on (n,), are on it."""
-    if (share := 1.0 - float(on.mean())) > _LIFTED:
+    """Check that the dome's `radius` [m] is the file's `known` [m], and that most touches, on (n,), are inliers."""
+    if (share := 1.0 - float(on.mean())) > _MAX_OUTLIER_SHARE:
         raise CalibrationError(
             f"{100 * share:.0f} % of the touches on the dome are not on it: keep the tip on the dome, keep the side "
             "of the tool off it, and lift it only occasionally"
         )
-    if abs(radius - known) > _RADIUS:
+    if abs(radius - known) > _RADIUS_TOLERANCE_M:
         raise CalibrationError(
             f"the touches on the dome lie on a sphere of {1e3 * radius:.1f} mm; the device's dome has {1e3 * known:g} "
             "mm. Check that it is this device, and that the tip touched the dome itself"
@@ -333,23 +333,24 @@ def check_sphere(radius: float, on: Array, known: float) -> None:
 
 
 def check_spread(points: Array, centre: Array) -> None:
-    """The dome was touched at points (n, 3) [m] far apart, as seen from its centre (3,) [m]."""
+    """Check that the points (n, 3) [m] touched on the dome cover a wide angle about its centre (3,) [m]."""
     directions = (points - centre) / np.linalg.norm(points - centre, axis=1)[:, None]
     middle = directions.mean(axis=0)
     middle /= np.linalg.norm(middle)
     half = float(np.percentile(np.arccos(np.clip(directions @ middle, -1.0, 1.0)), 90))
-    if half < _SPREAD:
+    if half < _MIN_SPREAD_RAD:
         raise CalibrationError(
             f"the touches on the dome are all within {np.rad2deg(half):.0f}° of one point: the dome's centre is not "
-            f"observable from there. Touch the whole dome, {np.rad2deg(_SPREAD):.0f}° or more to every side"
+            f"observable from there. Touch the whole dome, {np.rad2deg(_MIN_SPREAD_RAD):.0f}° or more to every side"
         )
 
 
 def check_handedness(places: Array, centre: Array, known: Array) -> None:
-    """The frame is right-handed: places (k, 3) and centre (3,) [m] lie as known (k, 3) and 0 do, and not mirrored."""
+    """Check that the frame is right-handed: places (k, 3) and centre (3,) [m] are not a mirror image of known (k, 3)
+    and 0."""
     found, wanted = np.vstack([places, centre]), np.vstack([known, np.zeros(3)])
     right, left = fit_points(found, wanted)[2], fit_points(found, wanted, mirrored=True)[2]
-    if right > _APART / 2 and left < 0.3 * right:  # safety: left-handed
+    if right > _CENTRE_TOLERANCE_M / 2 and left < 0.3 * right:  # safety: left-handed
         raise CalibrationError(
             f"the tracker's frame is left-handed: the marks and the dome fit mirrored (rms {1e3 * left:.1f} mm) and "
             f"not as they are ({1e3 * right:.1f} mm). Switch its axes, or send −x with the quaternion x −y −z w"
@@ -357,9 +358,9 @@ def check_handedness(places: Array, centre: Array, known: Array) -> None:
 
 
 def check_marks(places: Array, known: Array, names: Sequence[str]) -> None:
-    """Each of the places (k, 3) is that of the known mark (k, 3) [m] that was asked for."""
+    """Check that each of the places (k, 3) is that of the requested mark, known (k, 3) [m]."""
     rms = fit_points(places, known)[2]
-    if rms <= _APART / 2:
+    if rms <= _CENTRE_TOLERANCE_M / 2:
         return
     for order in permutations(range(len(names))):
         if fit_points(places[list(order)], known)[2] < 0.3 * rms:
@@ -374,8 +375,8 @@ def check_marks(places: Array, known: Array, names: Sequence[str]) -> None:
 
 
 def check_centre(by_dome: Array, by_marks: Array) -> None:
-    """Dome and marks tell of the same centre (3,) [m]."""
-    if (apart := float(np.linalg.norm(by_dome - by_marks))) > _APART:
+    """Check that dome and marks agree on the centre (3,) [m]."""
+    if (apart := float(np.linalg.norm(by_dome - by_marks))) > _CENTRE_TOLERANCE_M:
         raise CalibrationError(
             f"the dome's centre is {1e3 * apart:.1f} mm from its place by the marks: check that device and cameras "
             "did not move between the steps, and that no mark was missed"
@@ -383,13 +384,13 @@ def check_centre(by_dome: Array, by_marks: Array) -> None:
 
 
 def check_roll(found: Roll) -> None:
-    """The tool was turned far enough, about a fixed axis."""
-    if found.angle < _ROLLED:
+    """Check that the tool was rotated far enough, about a fixed axis."""
+    if found.angle < _MIN_ROLL_RAD:
         raise CalibrationError(
             f"the tool was rolled by only {np.rad2deg(found.angle):.0f}°; its axis needs at least "
-            f"{np.rad2deg(_ROLLED):.0f}°, better a full turn"
+            f"{np.rad2deg(_MIN_ROLL_RAD):.0f}°, better a full turn"
         )
-    if found.wobble > _WOBBLE:
+    if found.wobble > _MAX_WOBBLE_RAD:
         raise CalibrationError(
             f"the tool's axis wobbled by {np.rad2deg(found.wobble):.1f}° (rms) while it was rolled: put it into a bore "
             "that fits and turn it there"
@@ -397,24 +398,24 @@ def check_roll(found: Roll) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Least squares over the touches of a session: frame and tip by Gauss–Newton, and what no touch determines.
+# Least squares over the touched points: frame and tip by Gauss–Newton, and their unobservable directions.
 #
-# Frame and tip are stepped as x ↦ exp(δ) x + τ and a ↦ a + α, with x = R (P + Q a) + t the tip in the stator frame, so
+# Frame and tip are updated as x ↦ exp(δ) x + τ and a ↦ a + α, with x = R (P + Q a) + t the tip in the stator frame, so
 #
 #     ∂x/∂δ = −[x]ₓ,    ∂x/∂τ = 1,    ∂x/∂α = R Q.
 #
-# The dome alone leaves δ free, exactly: its normal is along x, and x · (δ × x) = 0. It holds the centre; the marks hold
-# the turn.
+# The dome alone leaves δ undetermined, exactly: its normal is along x, and x · (δ × x) = 0. It determines the centre;
+# the marks determine the rotation.
 
 
 UNKNOWNS = ("turn about x", "turn about y", "turn about z", "shift along x", "shift along y", "shift along z",
             "tip along the body's x", "tip along the body's y", "tip along the body's z")  # fmt: skip
 
 _STEPS = 20
-_SETTLED = 1e-9  #: [m]
-_FRAME_FIT_LEFT_OUT = 4.0  #: robust standard deviations from which a touch on the dome is left out
+_CONVERGENCE_M = 1e-9  #: convergence [m]
+_FRAME_FIT_LEFT_OUT = 4.0  #: robust standard deviations above which a touch on the dome is rejected
 _FIT_TOLERANCE_M = 0.3e-3  #: but none that is nearer than this [m]
-_FREE = 1e-2  #: share of the greatest singular value below which a direction is not observable: noise alone makes some
+_UNOBSERVABLE_SHARE = 1e-2  #: unobservable: singular values below this share of the largest; noise alone gives some
 
 
 @final
@@ -439,7 +440,8 @@ class FrameFit:
         return placed
 
     def equations(self) -> tuple[Array, Array]:
-        """(residuals (m,) [m], Jacobian (m, 9)); turns times the dome's radius, so that all unknowns are lengths."""
+        """(residuals (m,) [m], Jacobian (m, 9)); rotations are scaled by the dome's radius, so that all unknowns are
+        lengths."""
         x = self.x
         J = np.zeros((len(x), 3, 9))
         J[:, 0, 1], J[:, 0, 2], J[:, 1, 2] = x[:, 2], -x[:, 1], x[:, 0]
@@ -454,7 +456,7 @@ class FrameFit:
         return left, np.concatenate([dome[self.on], J[self.dome :].reshape(-1, 9)])
 
     def settle(self) -> None:
-        """Gauss–Newton to the end, then once more without the touches at which the tip was off the dome.
+        """Gauss–Newton to convergence, then once more without the touches at which the tip was off the dome.
 
         Raises CalibrationError if it does not settle.
         """
@@ -464,7 +466,7 @@ class FrameFit:
                 step, *_ = np.linalg.lstsq(J, -left, rcond=None)
                 turn = _rotation(np.asarray(step[:3] / self.radius))
                 self.R, self.t, self.tip = turn @ self.R, turn @ self.t + step[3:6], self.tip + step[6:]
-                if np.abs(step).max() < _SETTLED:
+                if np.abs(step).max() < _CONVERGENCE_M:
                     break
             else:
                 raise CalibrationError("the fit of the frame does not converge: touch the dome and all marks again")
@@ -476,20 +478,20 @@ class FrameFit:
 
 
 def find_unobservable(J: Array, names: tuple[str, ...] = UNKNOWNS) -> tuple[float, tuple[str, ...]]:
-    """(condition, what is not observable): directions of the unknowns that no equation of J (n, 9) sees, in words.
+    """(condition, unobservable directions): null space of J (n, 9), described in words.
 
     >>> find_unobservable(np.eye(9)[:8])[1]
     ("tip along the body's z",)
     """
     _, s, Vt = np.linalg.svd(np.vstack([J, np.zeros((len(names), len(names)))]), full_matrices=False)
-    free = Vt[s <= _FREE * s[0]]
+    free = Vt[s <= _UNOBSERVABLE_SHARE * s[0]]
     share = (free**2).sum(axis=0)
     unseen = tuple(name for name, part in zip(names, share, strict=True) if part > 0.3)
     return float(s[0] / s[-1]) if s[-1] > 0 else float("inf"), unseen
 
 
 def _rotation(w: Array) -> Array:
-    """(3, 3) the rotation by the vector w [rad] (Rodrigues)."""
+    """(3, 3) rotation by the vector w [rad] (Rodrigues)."""
     angle = max(float(np.linalg.norm(w)), 1e-9)
     K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     R: Array = np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * K @ K
@@ -497,21 +499,22 @@ def _rotation(w: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where the device is in a tracker's frame, and the tool in its rigid body: from touches, by Gauss–Newton.
+# Pose of the device in a tracker's frame, and of the tool in its rigid body: from touched points, by Gauss–Newton.
 #
 # Unknown are the frame (R, t: 6) and the tip in the body (a: 3), x = R (P + Q a) + t. On the dome |x| = r, in mark k x
-# = x_k (`frame_fit`). Closed forms begin it, one for each step (`frame_start`), and what does not fit together is named
-# (`frame_doubts`). The tool's axis comes from the rolled tool by itself.
+# = x_k (`frame_fit`). Closed forms give the starting point of each step (`frame_start`), and inconsistencies are
+# reported (`frame_doubts`). The tool's axis is estimated separately, from the rolled tool.
 
 
-_FRAME_REGISTRATION_LOOSE = 1.5e-3  #: rms from which something is loose [m]
-_POSITION, _DIRECTION = 1e-3, np.deg2rad(2.0)  #: of the tool, from which a frame is of no use [m], [rad]
+_FRAME_REGISTRATION_LOOSE = 1.5e-3  #: rms above which the rigid body is loose [m]
+#: uncertainty of the tool's pose above which a frame is rejected [m], [rad]
+_MAX_POSITION_ERROR_M, _MAX_DIRECTION_ERROR_RAD = 1e-3, np.deg2rad(2.0)
 
 
 @final
 @dataclass(frozen=True)
 class FrameRegistration:
-    """What was found, and how far it may be trusted.
+    """Result of a registration, with its uncertainty.
 
     R, t         (3, 3), (3,) [m] tracker into stator: x_S = R x_T + t
     tip          (3,) in the body [m]
@@ -540,7 +543,7 @@ class FrameRegistration:
 
 
 def frame_registration(touched: TouchSession, device: SphericalElectromagnet) -> FrameRegistration:
-    """Registers the frame.
+    """Register the frame.
 
     Raises InputError for a device without marks, and CalibrationError for touches that do not determine a frame, or
     that no right-handed tracker in metres with a rigid tool can have sent: what is wrong is named.
@@ -586,7 +589,7 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
             "loose, that the tracker's calibration is valid here, and that all marks were touched in their centre"
         )
     covariance = float(left @ left) / max(len(left) - 9, 1) * np.linalg.inv(J.T @ J)
-    # what turns with the tool does not average out over its poses: the wobble counts whole
+    # errors fixed to the tool do not average out over its poses: the wobble counts in full
     turn = float(np.trace(covariance[:3, :3])) / fit.radius**2
     direction = float(np.sqrt(2.0 / 3.0 * turn + wobble**2))
     x = fit.x[: fit.dome][fit.on]
@@ -598,7 +601,7 @@ def _judge_fit(fit: FrameFit, axis: Array, wobble: float, radius: float, tip_dis
     visible[:, :, 6:] = fit.R @ fit.Q[: fit.dome][fit.on]
     spread = np.einsum("nij,jk,nik->n", visible, covariance, visible).mean()
     position = float(np.sqrt(spread + (tip_distance * wobble) ** 2))
-    if position > _POSITION or direction > _DIRECTION:
+    if position > _MAX_POSITION_ERROR_M or direction > _MAX_DIRECTION_ERROR_RAD:
         raise CalibrationError(
             f"the expected accuracy is only {1e3 * position:.1f} mm and {np.rad2deg(direction):.1f}°; touch more "
             "points, tilt more, roll further, or reduce the tracker's noise"
@@ -613,14 +616,14 @@ FORMAT = "haptorb-tracker-frame-1"
 _VECTORS = {"shift_m": (3,), "tip_m": (3,), "magnet_m": (3,), "axis": (3,), "turn": (3, 3)}
 _NUMBERS = ("residual_m", "condition", "position_m", "direction_rad")
 _KEYS = {"format", "device", "digest", "tracker", "simulated", *_VECTORS, *_NUMBERS}
-_MAX_DISTANCE_M = 1e3  #: no tracker sees a tool farther away [m]
-_ARM = 1.0  #: no rigid body is farther from the tool's magnet [m]
+_MAX_DISTANCE_M = 1e3  #: maximum plausible distance from the tracker [m]
+_MAX_ARM_M = 1.0  #: maximum plausible distance of a rigid body from the tool's magnet [m]
 
 
 @final
 @dataclass(frozen=True)
 class TrackerFrame:
-    """What turns poses of a body in a tracker's frame into poses of the tool in the stator's.
+    """Transforms poses of a rigid body in a tracker's frame to poses of the tool in the stator's.
 
     digest     of the device's file
     tracker    as it was named when it was registered
@@ -649,7 +652,8 @@ class TrackerFrame:
     def of(
         cls, found: FrameRegistration, device: Device, tip_distance: float, tracker: str, *, simulated: bool
     ) -> TrackerFrame:
-        """What was `found` of `device` and `tracker`; the magnet is tip_distance [m] up the axis from the tip."""
+        """From the registration `found` of `device` and `tracker`; the magnet is tip_distance [m] up the axis from the
+        tip."""
         return cls(
             device.name, device.digest, tracker, simulated, found.R, found.t, found.tip,
             found.tip + tip_distance * found.axis, found.axis, found.residual, found.condition, found.position,
@@ -657,7 +661,7 @@ class TrackerFrame:
         )  # fmt: skip
 
     def check_for(self, device: Device, tracker: str) -> TrackerFrame:
-        """Itself; CalibrationError if it is that of another device or tracker."""
+        """Returns itself; CalibrationError if it belongs to another device or tracker."""
         if self.digest != device.digest:
             raise CalibrationError(
                 f"the tracker's frame belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not "
@@ -685,11 +689,11 @@ class TrackerFrame:
 
     @cached_property
     def _quaternions(self) -> tuple[Array, Array]:
-        """(4,) each: of R, and of the turn of the tool's z to the axis in the body."""
+        """(4,) each: of R, and of the rotation from the tool's z to the axis in the body."""
         return quaternion(self.R), quaternion(rotation_to_axis(self.axis))
 
     def text(self) -> str:
-        """As JSON, every digit kept."""
+        """As JSON, with full precision."""
         content = {
             "format": FORMAT,
             "device": self.device,
@@ -710,7 +714,7 @@ class TrackerFrame:
 
     @classmethod
     def parse(cls, text: str, name: str) -> TrackerFrame:
-        """From JSON; `name` is the name for messages. CalibrationError if it is no tracker's frame."""
+        """Parse JSON; `name` is used in messages. CalibrationError if it is no tracker's frame."""
         raw = parse_document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):
@@ -725,8 +729,10 @@ class TrackerFrame:
             raise CalibrationError(f"{name}: {cause}") from cause
         if abs(np.linalg.norm(arrays["axis"]) - 1.0) > 1e-6:
             raise CalibrationError(f"{name}: axis must have length 1; got {arrays['axis'].tolist()}")
-        if np.linalg.norm(arrays["magnet_m"]) > _ARM or np.linalg.norm(arrays["tip_m"]) > _ARM:
-            raise CalibrationError(f"{name}: the tool is more than {_ARM:g} m from its rigid body; register again")
+        if np.linalg.norm(arrays["magnet_m"]) > _MAX_ARM_M or np.linalg.norm(arrays["tip_m"]) > _MAX_ARM_M:
+            raise CalibrationError(
+                f"{name}: the tool is more than {_MAX_ARM_M:g} m from its rigid body; register again"
+            )
         return cls(
             raw["device"], raw["digest"], raw["tracker"], raw["simulated"],
             turn, arrays["shift_m"], arrays["tip_m"], arrays["magnet_m"], arrays["axis"], *grades,
