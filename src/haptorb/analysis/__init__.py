@@ -1,1 +1,1 @@
-"""What a device can do and how well: error budget, stability of a loop, coupling to a scene."""
+"""Analysis of devices: error budget, stability of a loop, coupling to a scene."""

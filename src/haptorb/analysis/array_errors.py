@@ -34,24 +34,24 @@ __all__ = ["ArrayErrors", "ArrayPoint", "ArrayTrial", "array_errors"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The chain of a coil array, from the force asked for to the force on the tool, with errors in it.
+# Error chain of a coil array, from the commanded force to the force on the tool.
 #
 # The controller uses the device file and a pose; the true device has other magnets, other currents, another pose, and
-# coils that are off their places, askew and stronger or weaker. Both use the exact model. A soft core's answer to a
-# coil that is elsewhere is taken from its slope, in every component of the coil's place and axis. The force is at rest.
+# coils with errors of position, axis and strength. Both use the exact model. A soft core's response to a displaced coil
+# is linearised in every component of the coil's position and axis. The force is static.
 
 
-_STEP = (1e-4, 2e-3)  #: of a coil's place [m] and axis [rad], for the slopes of a core's answer
+_STEP = (1e-4, 2e-3)  #: steps of a coil's position [m] and axis [rad], for the derivatives of a core's response
 _STILL = np.zeros(3)
 
 
 @dataclass
 class ArrayTrial(ChainTrial):
-    """How one device differs from its model."""
+    """Deviations of one device from its model."""
 
     strength: float  #: remanence of the tool's magnets, true over model
-    shift: Array  #: (m, 3) true less stated place of each coil [m]
-    lean: Array  #: (m, 3) rotation from the stated to the true axis of each coil [rad]
+    shift: Array  #: (3,) true minus nominal position of each coil [m]
+    lean: Array  #: (m, 3) rotation from the nominal to the true axis of each coil [rad]
     turns: Array  #: (m,) relative error of each coil's field
     place: Array  #: (3,) estimated minus true position of the tool [m]
     turn: Array  #: (3,) rotation from the tool's true to its estimated orientation [rad]
@@ -62,16 +62,16 @@ class ArrayTrial(ChainTrial):
 
 
 class ArrayPoint(NamedTuple):
-    """A tool, upright over a plate or radial over a dome, and the force asked for."""
+    """Tool, upright over a plate or radial over a dome, and the commanded force."""
 
     p: Array  #: (3,) [m]
-    R: Array  #: (3, 3); its columns are two tangents of the surface and what is normal to it
+    R: Array  #: (3, 3); its columns are two tangents of the surface and its normal
     wrench: Array  #: (6,) [N, N·m]
 
 
 @final
 class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
-    """The error budget of `device` for forces of `asked` [N], with `sources`; a tracker measures the pose."""
+    """Error model of `device` for forces of `asked` [N], with `sources`; a tracker measures the pose."""
 
     unit, jnd, motion, estimator = "N", FORCE_JND, "at rest", "tracker"
     regions = ("in contact", "lower half of the space", "upper half of the space")
@@ -84,7 +84,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         self._known = device.magnetics
 
     def draw_point(self, region: int, rng: np.random.Generator) -> ArrayPoint:
-        """Anywhere in the region, spread evenly over the surface; the force in any direction."""
+        """Random point in the region, uniform over the surface; the force in any direction."""
         surface, near = self._device.surface, self._device.contact_height
         height = surface.thickness * max(rng.uniform(0.5 * region - 0.5, 0.5 * region), 0.0)
         if surface.is_dome:
@@ -100,7 +100,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         return ArrayPoint(p, R, wrench)
 
     def make_trial(self) -> ArrayTrial:
-        """The device of the model."""
+        """Device without errors."""
         m = self._device.channels
         return ArrayTrial(
             **vars(ChainTrial.exact(m)), strength=1.0, shift=np.zeros((m, 3)), lean=np.zeros((m, 3)),
@@ -118,7 +118,7 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         return error
 
     def _deliver(self, point: ArrayPoint, trial: ArrayTrial, currents: Array) -> Array:
-        """(3,) the true force [N]: of the coils with the magnets' strength, of the core with its square."""
+        """(3,) true force [N]: that of the coils is linear in the magnets' strength, that of the core quadratic."""
         known = self._known
         coils = known.coils.copy()
         coils["centre"] += trial.shift
@@ -138,7 +138,8 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
 
     @cached_property
     def _slopes(self) -> Array:
-        """(6, m, k, 2) of the core's answer to each coil, by its place [1/m] and by turns of its axis [1/rad]."""
+        """(6, m, k, 2) derivatives of the core's response to each coil, by position [1/m] and rotation of its axis
+        [1/rad]."""
         windings, core, order, slopes = self._device.windings, self._device.core, self._known.order, []
         assert core is not None
         for number in range(6):
@@ -153,14 +154,14 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
 
 
 # --------------------------------------------------------------------------------------------------
-# What is not known exactly about a coil array: one class for each source.
+# Error sources of a coil array: one class for each.
 
 
 ARRAY_SOURCES_ESTIMATORS = ("tracker",)
 
 
 class CoilPlaces(ErrorSource[ArrayTrial]):
-    """Where each coil is."""
+    """Position of each coil."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
         super().__init__("positions of the coils", format_quantity(standard, "m"), origin, 3 * coils)
@@ -172,7 +173,7 @@ class CoilPlaces(ErrorSource[ArrayTrial]):
 
 
 class CoilAxes(ErrorSource[ArrayTrial]):
-    """Where each coil's axis points."""
+    """Direction of each coil's axis."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
         super().__init__("axes of the coils", f"{np.degrees(standard):.3g}°", origin, 3 * coils)
@@ -184,7 +185,7 @@ class CoilAxes(ErrorSource[ArrayTrial]):
 
 
 class CoilStrengths(ErrorSource[ArrayTrial]):
-    """What each coil's field is per ampere."""
+    """Field per ampere of each coil."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
         super().__init__("field per ampere of the coils", describe_share(standard), origin, coils)
@@ -196,7 +197,7 @@ class CoilStrengths(ErrorSource[ArrayTrial]):
 
 
 class ToolPlace(ErrorSource[ArrayTrial]):
-    """The position from the tracker."""
+    """Position from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
@@ -208,14 +209,14 @@ class ToolPlace(ErrorSource[ArrayTrial]):
 
 
 class ToolOrientation(ErrorSource[ArrayTrial]):
-    """The orientation from the tracker."""
+    """Orientation from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Turn the estimated tool."""
+        """Rotate the estimated tool."""
         trial.turn += self._standard * deviates
 
 
@@ -225,7 +226,7 @@ def array_errors(
     estimator: str | None = None,
     calibration: Calibration | None = None,
 ) -> ArrayErrors:
-    """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its workspace.
+    """Error model of `device` for forces of `asked` [N]; None: half of the smallest peak force in its workspace.
 
     Raises InputError for a force that the coils cannot give everywhere, and for a calibration, which arrays do not
     have; UnknownName for another estimator than "tracker".

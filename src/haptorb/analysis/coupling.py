@@ -1,4 +1,4 @@
-"""How stiff a scene's virtual coupling may be: as stiff as this loop, this hand and the body that is held allow.
+"""Virtual coupling of a scene: the largest stiffness that loop, hand and coupled body allow.
 
 The hand feels the coupling, whatever the scene does behind it; in the worst case the scene does not yield. So the
 coupling is a spring and a damper against a wall, and `SampledLoop` says exactly how strong they may be. They are made
@@ -45,12 +45,12 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A hand on a device's mover, as a scene's coupling meets it: one record for each kind of device.
+# Hand on a device's mover, as seen by a scene's coupling: one record for each kind of device.
 
 
 @dataclass(frozen=True)
 class HeldMover:
-    """Hand and mover together.
+    """Hand and mover combined.
 
     grip            where the motion of the loop is counted: of a rotor, about its centre [kg·m², N·m·s, N·m]
     move, turn      what a stiffness along, or about, the axes of a scene counts there as; turn 0: no torque is rendered
@@ -66,20 +66,20 @@ class HeldMover:
 @device_function
 @singledispatch
 def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
-    """`hand` on the mover of `device`, by its kind. Raises InputError for a kind that a scene cannot be coupled to."""
+    """`hand` on the mover of `device`, by its kind. Raises InputError for a kind that cannot be coupled to a scene."""
     raise InputError(f"device '{device.name}' ({device.kind.title}) has neither a tool nor a rotor for a scene")
 
 
 @hold_mover.register(CoilArray)
 @hold_mover.register(SphericalElectromagnet)
 def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> HeldMover:
-    """`hand` on a tool, on which forces are rendered."""
+    """`hand` on a tool that renders forces."""
     return HeldMover(hand.with_mass(device.tool.mass), strongest=device.limits.force)
 
 
 @hold_mover.register(Arm)
 def hold_arm(device: Arm, hand: HandGrip) -> HeldMover:
-    """`hand` on an arm's end effector; where its orientation is actuated, about the arm at which fingers hold it."""
+    """`hand` on an arm's end effector; with an actuated orientation, at the lever arm of the fingers."""
     square = device.hand.turn_damping / device.hand.damping if device.is_turned and device.hand.damping > 0.0 else 0.0
     held = hand.with_mass(device.effector.mass)
     turn = device.effector.mass * square / device.effector.inertia if square else 0.0
@@ -88,7 +88,7 @@ def hold_arm(device: Arm, hand: HandGrip) -> HeldMover:
 
 @hold_mover.register(SphericalMotor)
 def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
-    """`hand` on a handle, which moves a target in both modes by the default gains."""
+    """`hand` on a handle, which moves an object in both modes by the default gains."""
     arm, gains = device.rotor.handle_length, MOTOR_GAINS
     inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
     grip = HandGrip(inertia, hand.damping * arm**2, hand.stiffness * arm**2)
@@ -97,15 +97,16 @@ def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
 
 
 ASSUMED = 5e-3  #: default latency of a tracker in a process of its own [s]
-ENOUGH = 1.5  #: a coupling is so many times weaker than the strongest that is stable: hands differ
-_SLOW = 0.3  #: share of a body's momentum that the damper takes in one step of the scene
-_RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the calmer first
-_WORTH = 0.8  #: a calmer coupling is taken for so much of the stiffness
-_GROWTH = 2.0  #: of the damper in slow time: with more, the hand would feel each lost contact as an impact
+ENOUGH = 1.5  #: stability margin of a coupling, for the variation between hands
+_SLOW = 0.3  #: share of a body's momentum that the damper dissipates in one step of the scene
+_RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the larger first
+_MIN_STIFFNESS_RATIO = 0.8  #: a larger damping ratio is preferred down to this share of the stiffness
+_MAX_DAMPING_GROWTH = 2.0  #: of the damper in slow time: above it, the hand would feel each lost contact as an impact
 _SOFT = 1e-3
-_SPENT = 2e-3  #: within which a tool reaches its greatest force: stiffer would be felt as a switch [m]
-_HEAVIEST = (0.2, 2e-4)  #: that a body counts as [kg], [kg·m²]
-_STIFFEST, _TURN_STIFFEST = 5e3, 20.0  #: contacts of a scene are hardly stiffer [N/m], [N·m/rad]
+#: displacement within which a tool reaches its maximum force: a smaller one would feel like a switch [m]
+_MIN_SATURATION_DISTANCE_M = 2e-3
+_MAX_INERTIA = (0.2, 2e-4)  #: limits on the effective inertia of a body [kg], [kg·m²]
+_MAX_STIFFNESS, _MAX_TURN_STIFFNESS = 5e3, 20.0  #: limits on the stiffness of a scene's contacts [N/m], [N·m/rad]
 
 
 @dataclass(frozen=True)
@@ -125,25 +126,25 @@ class Coupling:
 
 
 def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> Coupling:
-    """The coupling of `scene` on `device` in a loop, for `hand` alone; its mover is added here.
+    """Coupling of `scene` on `device` in a loop, for `hand` alone; the mover is added here.
 
     Raises InputError for a device of a kind that has neither tool nor rotor.
     """
-    # A body that cannot turn, or only with others, is no reason for a damper like a wall.
-    mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _HEAVIEST, strict=True))
+    # A body that cannot rotate, or only with others, is no reason for a very large damper.
+    mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _MAX_INERTIA, strict=True))
     step = scene.model.model.opt.timestep
     held, square = hold_mover(device, hand), scene.scale**2
-    stiffest = min(_STIFFEST, held.strongest / (_SPENT * square))
+    stiffest = min(_MAX_STIFFNESS, held.strongest / (_MIN_SATURATION_DISTANCE_M * square))
     move = _choose(loop, held.grip, held.move * square, mass, float(step), stiffest)
     if not held.turn:
         return Coupling(*move[:2], 0.0, 0.0, *move[2:])
-    turn = _choose(loop, held.grip, held.turn, inertia, float(step), _TURN_STIFFEST)
+    turn = _choose(loop, held.grip, held.turn, inertia, float(step), _MAX_TURN_STIFFNESS)
     return Coupling(*move[:2], *turn[:2], min(move[2], turn[2]), move[3])
 
 
 def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip = GRIPS["light"]) -> World:
     """`world` with the coupling of every scene in it chosen, where its stiffness is 0, and the dampers for slower time;
-    every other world unchanged."""
+    other worlds are unchanged."""
     if isinstance(world, Sum):
         return replace(world, parts=tuple(couple_world(part, device, loop, hand) for part in world.parts))
     if not isinstance(world, Scene):
@@ -165,14 +166,14 @@ def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip
 
 @lru_cache(maxsize=64)
 def _find_slow_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffness: float, damping: float) -> float:
-    """The maximum damper of the coupling while a scene's time is slower, at the required margin of stability."""
+    """Maximum damping of the coupling in slow time, at the required stability margin."""
     if not (square and stiffness and damping):
         return 0.0
 
     def margin(factor: float) -> float:
         return loop.largest(hand, square * stiffness, square * factor * damping)
 
-    low, high = 1.0, _GROWTH
+    low, high = 1.0, _MAX_DAMPING_GROWTH
     enough = min(ENOUGH, margin(low))
     if margin(high) >= enough:
         return high * damping
@@ -183,7 +184,7 @@ def _find_slow_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffne
 
 
 def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> str:
-    """One line: what couples the mover to the body, and by how much it could be stronger."""
+    """One line: coupling of mover and body, with its stability margin."""
     fitted = scene.for_device(device)
     text = f"body '{scene.body}' held by {fitted.stiffness:.4g} N/m and {fitted.damping:.3g} N·s/m"
     if fitted.turn_stiffness:
@@ -198,7 +199,7 @@ def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: Han
 
 
 def measure_margin(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> float:
-    """By how much the coupling of `scene` could be stronger before the loop oscillates against a wall; 1: boundary."""
+    """Stability margin of the coupling of `scene` against a wall, as a factor on its stiffness; 1: boundary."""
     held = hold_mover(device, hand)
     square = held.move * scene.scale**2
     moving = loop.largest(held.grip, square * scene.stiffness, square * scene.damping)
@@ -209,7 +210,7 @@ def measure_margin(scene: Scene, device: Device, loop: SampledLoop, hand: HandGr
 
 @dataclass(frozen=True)
 class CouplingSetting:
-    """How `device` is run: at `rate` [Hz], held by `hand`, its pose from `estimator`.
+    """Operating conditions of `device`: `rate` [Hz], grip `hand`, pose from `estimator`.
 
     fed      poses come from a tracker with a process of its own
     latency  of that one [s]; None: `ASSUMED`
@@ -235,7 +236,7 @@ class CouplingSetting:
 
     @property
     def loop(self) -> SampledLoop:
-        """The loop of poses, forces and coils that a coupling is chosen for."""
+        """Timing of the loop for which a coupling is chosen."""
         coils = self.device.coils
         late = self.latency if self.latency is not None else (ASSUMED if self.fed else 0.0)
         theta = 0.0
@@ -244,11 +245,11 @@ class CouplingSetting:
         return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
 
     def couple(self, world: World) -> World:
-        """`world` with the coupling of its scenes chosen, where it is not set; every other world unchanged."""
+        """`world` with the coupling of its scenes chosen, where it is not set; other worlds are unchanged."""
         return couple_world(world, self.device, self.loop, self.hand) if _has_scene(world) else world
 
     def describe(self, world: World) -> str:
-        """What couples the mover to each scene of `world`; empty without one."""
+        """Coupling of the mover to each scene of `world`; empty without one."""
         parts = world.parts if isinstance(world, Sum) else (world,)
         scenes = [one for one in parts if isinstance(one, Scene)]
         return "; ".join(describe_coupling(one, self.device, self.loop, self.hand) for one in scenes)
@@ -262,11 +263,11 @@ def _has_scene(world: World) -> bool:
 def _choose(
     loop: SampledLoop, hand: HandGrip, square: float, mass: float, step: float, stiffest: float
 ) -> tuple[float, float, float, str]:
-    """Stiffness, damping, margin and what limits them, for a body of `mass` whose steps are `step` [s] long. `square`:
-    what a stiffness of 1 at the body is at the hand."""
+    """Stiffness, damping, margin and their limit, for a body of `mass` with steps of `step` [s]. `square`: ratio of
+    stiffness at the hand to stiffness at the body."""
     found = []
     for ratio in _RATIOS:
-        # The damper 2 ζ √(K m) takes at most `_SLOW` of the momentum in a step.
+        # The damper 2 ζ √(K m) dissipates at most `_SLOW` of the momentum in a step.
         most = (_SLOW * mass / step / (2.0 * ratio)) ** 2 / mass
         low, high = _SOFT, min(most, stiffest)
         limit = "body"
@@ -281,7 +282,7 @@ def _choose(
             high = low
         found.append((high, ratio, limit))
     best = max(stiffness for stiffness, _, _ in found)
-    stiffness, ratio, limit = next(one for one in found if one[0] >= _WORTH * best)
+    stiffness, ratio, limit = next(one for one in found if one[0] >= _MIN_STIFFNESS_RATIO * best)
     return (
         stiffness,
         2 * ratio * math.sqrt(stiffness * mass),
@@ -295,7 +296,7 @@ def _margin(loop: SampledLoop, hand: HandGrip, square: float, mass: float, ratio
 
 
 def _round(value: float) -> float:
-    """Down to three digits: people read it."""
+    """Round down to three digits, for display."""
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)

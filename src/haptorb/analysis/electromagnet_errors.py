@@ -48,13 +48,13 @@ __all__ = ["HallFit", "HallPoint", "MomentFit", "ToolErrors", "ToolPoint", "Tool
 
 
 # --------------------------------------------------------------------------------------------------
-# The Hall tracker's estimate of the tool's pose, if magnets, coils, currents and sensors differ from its model.
+# Hall tracker's pose estimate for magnets, coils, currents and sensors that differ from its model.
 #
-# One step of the tracker's own weighted least squares, from the true pose: right to first order in the errors.
+# One step of the tracker's own weighted least squares, from the true pose: first order in the errors.
 
 
 class CalibratedTrial(Protocol):
-    """What a calibration depends on."""
+    """Data that a calibration depends on."""
 
     moments: Array
     gain: Array
@@ -62,20 +62,21 @@ class CalibratedTrial(Protocol):
     reading: Array
 
     def read_field(self, field: Array, frames: Array | None = None) -> Array:
-        """What the field sensors make of a field."""
+        """Sensor readings of a field."""
 
 
 class HallPoint(NamedTuple):
-    """The tracker's least squares about one true pose."""
+    """Tracker's least squares linearised about one true pose."""
 
     field: Array  #: (k, 3) of the estimated tool at the sensors [T]
     solve: (
-        Array  #: (5, 3 k) from what is left of the readings to the place [m/T] and the turns about R's x and y [rad/T]
+        #: (5, 3 k) from the residuals of the readings to the position [m/T] and the rotations about R's x and y [rad/T]
+        Array
     )
 
 
 class HallFit:
-    """The Hall tracker of `device`; calibrated: the sensors' offsets were measured, and are taken off."""
+    """Hall tracker of `device`; calibrated: the sensors' offsets were measured, and are subtracted."""
 
     def __init__(self, device: SphericalElectromagnet, *, calibrated: bool = False) -> None:
         self._model, self._per_ampere = ToolModel.of(device), coil_field(device)
@@ -94,7 +95,7 @@ class HallFit:
         self._coils, self._slopes = device.coil_fields(at), np.moveaxis(slope, 0, 2)  # (k, 3, m), (k, 3, 3, m)
 
     def linearize(self, p: Array, R: Array, currents: Array) -> HallPoint:
-        """About the tool at p (3,) [m], R (3, 3); readings weighed as the tracker does under `currents` (m,) [A]."""
+        """Linearise at the tool pose p (3,) [m], R (3, 3), with the tracker's weights under `currents` (m,) [A]."""
         field, slopes = self._field(self._model, p, R)
         moments = self._read + CALIBRATED**2 * float(self._columns @ currents**2) * np.eye(3)
         spread = self._noise**2 * np.eye(len(self._unit)) + self._unit @ moments @ self._unit.T
@@ -111,7 +112,8 @@ class HallFit:
         self, trial: SensorTrial, tool: State, strength: float, moments: Array, extra: Array, currents: Array,
         more: Array,
     ) -> Array:  # fmt: skip
-        """(k, 3) [T] the readings less what the tracker takes off for the currents; `more` (k, 3) [T] is in the field.
+        """(k, 3) [T] readings minus the tracker's model of the currents' field; `more` (k, 3) [T] is added to the
+        field.
 
         The magnet of `tool` has `strength` times the model's remanence; the coils have `moments` (3, m) [m²] per true
         ampere of `currents` (m,) [A], and the core the moment `extra` (3,) [A·m²] beside that. Core and coils are at
@@ -119,7 +121,7 @@ class HallFit:
         """
         model = self._model._replace(sensors=np.ascontiguousarray(self._model.sensors + trial.placement))
         field = strength * self._field(model, tool.p, tool.R_SR)[0]
-        # coils that are stronger or weaker keep the form of their field; what lies across their axes is a dipole's
+        # coil strength errors scale the field; its components across the axes are a dipole's
         scale = (moments * self._moments).sum(axis=0) / self._columns
         across = moments - scale * self._moments
         amperes = scale * currents
@@ -130,7 +132,7 @@ class HallFit:
 
 
 class MomentFit:
-    """What the calibration of `device` found of the moments, by its own current and field sensors."""
+    """Moments found by a calibration of `device` with its own current and field sensors."""
 
     def __init__(self, device: SphericalElectromagnet) -> None:
         self._places = np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3)
@@ -138,7 +140,7 @@ class MomentFit:
         self._solve = np.linalg.solve(unit.T @ unit, unit.T)
 
     def find_true(self, trial: CalibratedTrial, more: Array) -> Array:
-        """(3, m) [m²] the moments per true ampere that sensors with the errors of `trial` took for its moments.
+        """(3, m) [m²] true moments per ampere for which sensors with the errors of `trial` give the calibrated moments.
 
         more (k, 3, m) [T/A]: the field of the coils at the sensors beside that of coils as in the file.
         """
@@ -151,37 +153,37 @@ class MomentFit:
 
 
 # --------------------------------------------------------------------------------------------------
-# Coils and core that are not built as the file says: what that does to the magnet, and to the field at the sensors.
+# Manufacturing errors of coils and core: effect on the wrench on the magnet, and on the field at the sensors.
 #
-# A winding that is off its place takes its own field along; the core's answer stays with the core, but for the second
-# harmonic with which it answers to a winding that is off its middle (`Windings.answer_shift`). Other sizes change the
-# strengths of the zonal terms. Where the moments per ampere were measured as fields, all this happens at the same field
-# there.
+# A displaced winding moves its own field; the core's response remains centred on the core, except for the second
+# harmonic of the response to an off-centre winding (`Windings.answer_shift`). Other sizes change the strengths of the
+# zonal terms. Where the moments per ampere were measured as fields, all this is relative to the same field at the
+# point of measurement.
 
 
 SIZES = ("inner_radius", "outer_radius", "length")
-_SIZE_STEP = 2e-5  #: of a derivative by a size [m]
+_SIZE_STEP = 2e-5  #: step of a derivative by a size [m]
 
 
 @dataclass
 class BuiltTrial:
-    """How windings and core of one device differ from its file."""
+    """Deviations of windings and core of one device from its file."""
 
     offsets: Array  #: (3, 3) [m] of each winding from the centre
-    whole: Array  #: (3, 3) [m] of each winding with the core's answer to it from where the model has them
-    sizes: Array  #: (3, 3) [m] more inner radius, outer radius and length (rows) of each winding
+    whole: Array  #: (3, 3) [m] of each winding with the core's response to it, from its position in the model
+    sizes: Array  #: (3, 3) [m] excess of inner radius, outer radius and length (rows) of each winding
     core: Array  #: (3,) [m] of the core from the centre
-    softness: float  #: 1/permeability beside the file's
+    softness: float  #: 1/permeability minus the file's
     earth: Array  #: (3,) [T]
 
     @classmethod
     def exact(cls) -> BuiltTrial:
-        """As the file says."""
+        """No deviations."""
         return cls(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(3))
 
 
 class BuiltCoils:
-    """Coils of `device`, whose sizes are known, that are built with the differences of a `BuiltTrial`."""
+    """Coils of `device`, with known sizes, with the deviations of a `BuiltTrial`."""
 
     def __init__(self, device: SphericalElectromagnet) -> None:
         assert device.windings is not None
@@ -215,7 +217,8 @@ class BuiltCoils:
                 either.append(padded)
             slopes.append((either[0] - either[1]) / (2 * _SIZE_STEP))
         self._by_size = np.stack(slopes)  # (3 sizes, m, k)
-        # relative change of the field where it was measured, per way of winding and core along the axis [1/m]
+        # relative change of the field at its point of measurement, per displacement of winding and core along the axis
+        # [1/m]
         self._steeper = np.zeros((2, device.channels))
         if measured and np.isfinite(device.moments_at):
             n = 2 * np.arange(count) + 1
@@ -244,7 +247,7 @@ class BuiltCoils:
         return out
 
     def add_field(self, built: BuiltTrial, moments: Array) -> Array:
-        """(k, 3, m) [T/A] what such coils make at the field sensors beside what coils as in the file make."""
+        """(k, 3, m) [T/A] field of such coils at the field sensors minus that of coils as in the file."""
         found, upright = np.empty((len(self._sensors), 3, len(self._sizes))), np.eye(3)
         none, unit = np.zeros_like(self._own), np.array([[0.0], [0.0], [0.0], [1.0]])
         for k, at in enumerate(self._sensors):
@@ -266,7 +269,7 @@ class WindingSizes(ErrorSource["ToolTrial"]):
 
 
 class WindingPositions(ErrorSource["ToolTrial"]):
-    """Where each winding is."""
+    """Position of each winding."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("positions of the windings", format_quantity(standard, "m"), origin, 9)
@@ -278,7 +281,7 @@ class WindingPositions(ErrorSource["ToolTrial"]):
 
 
 class CoilCentres(ErrorSource["ToolTrial"]):
-    """Where each coil with the core's answer to it is, as far as a calibration found it."""
+    """Centre of each coil with the core's response, with the uncertainty of a calibration."""
 
     def __init__(self, standard: Array, origin: str) -> None:
         text = format_quantity(float(np.sqrt((standard**2).mean())), "m")
@@ -291,7 +294,7 @@ class CoilCentres(ErrorSource["ToolTrial"]):
 
 
 class CorePosition(ErrorSource["ToolTrial"]):
-    """Where the core is among the windings."""
+    """Position of the core relative to the windings."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("position of the core in the windings", format_quantity(standard, "m"), origin, 3)
@@ -303,7 +306,7 @@ class CorePosition(ErrorSource["ToolTrial"]):
 
 
 class CorePermeability(ErrorSource["ToolTrial"]):
-    """How soft the core is: its answer to the tool follows, the moments are measured with it."""
+    """Permeability of the core: changes its response to the tool; the moments are measured with it."""
 
     def __init__(self, bounds: tuple[float, float], file: float, origin: str) -> None:
         super().__init__("permeability of the core", f"{bounds[0]:g} to {bounds[1]:g}", origin, 1)
@@ -316,32 +319,32 @@ class CorePermeability(ErrorSource["ToolTrial"]):
 
 
 class EarthField(ErrorSource["ToolTrial"]):
-    """The uniform field in which the device stands."""
+    """Uniform field at the device's location."""
 
     def __init__(self, size: float, origin: str) -> None:
         super().__init__("earth's field", format_quantity(size, "T"), origin, 3)
         self._size = size
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Turn it anywhere."""
+        """Draw a random direction."""
         trial.built.earth += self._size * deviates / np.linalg.norm(deviates)
 
 
 class WindingTilts(ErrorSource["ToolTrial"]):
-    """The axes of windings whose moments were computed."""
+    """Axes of windings with computed moments."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("axes of the windings", f"{np.degrees(standard):.3g}°", origin, 9)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Turn the moments."""
+        """Rotate the moments."""
         lean = self._standard * spread_evenly(deviates).reshape(3, 3)
         trial.moments += np.cross(lean, trial.moments.T).T
 
 
 class WindingTurns(ErrorSource["ToolTrial"]):
-    """How many turns windings have whose moments were computed."""
+    """Numbers of turns of windings with computed moments."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
         super().__init__("turns of the windings", describe_share(standard), origin, coils)
@@ -353,7 +356,7 @@ class WindingTurns(ErrorSource["ToolTrial"]):
 
 
 def spread_evenly(deviates: Array) -> Array:
-    """Numbers with standard deviation 1, all from −√3 to √3 alike likely, from normal `deviates` of any shape."""
+    """Uniform deviates from −√3 to √3, of standard deviation 1, from normal `deviates` of any shape."""
     found: Array = np.sqrt(3.0) * (2.0 * ndtr(deviates) - 1.0)
     return found
 
@@ -361,7 +364,7 @@ def spread_evenly(deviates: Array) -> Array:
 def built_sources(
     device: SphericalElectromagnet, known: ElectromagnetTolerance, calibration: Calibration | None
 ) -> list[ErrorSource[ToolTrial]]:
-    """What [tolerance] says of how windings and core are built, or `calibration` of where the coils are."""
+    """Sources of windings and core from [tolerance], or of the coils' centres from `calibration`."""
 
     def origin(key: str) -> str:
         if f"tolerance.{key}" in device.assumed:
@@ -388,11 +391,11 @@ def built_sources(
 
 
 # --------------------------------------------------------------------------------------------------
-# The chain of a spherical electromagnet, from the force asked for to the force on the tool, with errors in it.
+# Error chain of a spherical electromagnet, from the commanded force to the force on the tool.
 #
 # The controller uses the device file and a pose; the true device has other magnets, other currents and another pose.
-# Both use the device's first model; what is wrong with that is no part of the budget. The force is at rest: what the
-# loop's delay and the coils' inductance do to a force that changes is known, and not uncertain.
+# Both use the device's first model; errors of that model are not part of the budget. The force is static: the effects
+# of the loop's delay and the coils' inductance on a changing force are known, not uncertain.
 
 
 REGIONS = ("in contact", "lower half of the shell", "upper half of the shell")
@@ -401,7 +404,7 @@ COMPONENTS = (Component("radial", (2,)), Component("tangential", (0, 1)))
 
 @dataclass
 class ToolTrial(SensorTrial):
-    """How one device differs from its model."""
+    """Deviations of one device from its model."""
 
     strength: float  #: remanence of the tool's magnet, true over model
     moments: Array  #: (3, 3) true moment per ampere [m²]
@@ -409,10 +412,10 @@ class ToolTrial(SensorTrial):
     shift: Array  #: (3,) of core and coils from the frame's origin [m]
     place: Array  #: (3,) estimated minus true position of the tool's magnet [m]
     turn: Array  #: (3,) rotation from the tool's true to its estimated axis [rad]
-    remanent: Array  #: (3,) moment that stays in the core [A·m²]
-    lag: complex  #: what eddy currents take of a moment that turns, relative
-    turning: Array  #: (3,) any vector; its part across the force is the direction into which the force turns
-    built: BuiltTrial  #: how windings and core differ
+    remanent: Array  #: (3,) remanent moment of the core [A·m²]
+    lag: complex  #: relative reduction and lag of a rotating moment by eddy currents
+    turning: Array  #: (3,) any vector; its part normal to the force is the direction in which the force rotates
+    built: BuiltTrial  #: deviations of windings and core
 
     def strengthen(self, factors: Array) -> None:
         """Multiply the magnet's strength by `factors` (1,)."""
@@ -420,17 +423,17 @@ class ToolTrial(SensorTrial):
 
 
 class ToolPoint(NamedTuple):
-    """A radial tool, and the force asked for."""
+    """Radial tool, and the commanded force."""
 
     p: Array  #: (3,) [m]
     R: Array  #: (3, 3); its columns are two tangents and the radius
     wrench: Array  #: (6,) [N, N·m]
-    hall: HallPoint | None  #: where the field sensors tell the pose
+    hall: HallPoint | None  #: with the pose from field sensors
 
 
 @final
 class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
-    """The error budget of `device` for forces of `asked` [N], with `sources`.
+    """Error model of `device` for forces of `asked` [N], with `sources`.
 
     estimator          "tracker" or "hall"
     radius_span [m]    up to how far from the device file's the core's radius is looked up, less where the magnet is
@@ -455,7 +458,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
         self._device = device
         self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
-        # After a self-calibration it is known how well the sensors tell the pose.
+        # After a self-calibration the accuracy of the pose from the sensors is known.
         senses = estimator == "hall" and device.hall.correction is None
         self._hall = HallFit(device, calibrated=calibrated) if senses else None
         self._calibrated = MomentFit(device) if calibrated else None
@@ -472,17 +475,17 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self._wound = [self._wind(k * self._span) for k in spans] if device.has_sizes else None
         self._built = BuiltCoils(device) if device.has_sizes else None
         hard = 1.0 / device.core_permeability
-        softest = max(_HARDEST, 2.0 * hard)
+        softest = max(_MIN_INVERSE_PERMEABILITY, 2.0 * hard)
         self._softer: Array = (self._tabulate(0.0, 1.0 / softest) - self._pull.table) / (softest - hard)
 
     def _tabulate(self, more: float, permeability: float | None = None) -> Array:
-        """The core's pull if its radius were `more` [m] larger than in the model, or it had another permeability."""
+        """Table of the core's attraction for a radius larger by `more` [m], or for another permeability."""
         known = self._pull
         soft = known.core_permeability if permeability is None else permeability
         return replace(known, core_radius=known.core_radius + more, core_permeability=soft).table
 
     def _wind(self, more: float) -> WoundCoils:
-        """The coils, with as many terms as in the model, if the core's radius were `more` [m] larger; their measured
+        """Coils with as many terms as in the model, for a core radius larger by `more` [m]; their measured
         fields are the same."""
         wound = replace(self._device, core_radius=self._device.core_radius + more).wound_coils
         terms = np.zeros_like(self._device.wound_coils.terms)
@@ -490,7 +493,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return wound._replace(terms=terms)
 
     def draw_point(self, region: int, rng: np.random.Generator) -> ToolPoint:
-        """Anywhere in the region, spread evenly over the dome; the tool is radial, the force in any direction."""
+        """Random point in the region, uniform over the dome; the tool is radial, the force in any direction."""
         device = self._device
         cosine = rng.uniform(np.cos(device.workspace_half_angle), 1.0)
         azimuth, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.5 * region - 0.5, 0.5 * region)
@@ -508,7 +511,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return ToolPoint(p, R, wrench, self._hall.linearize(p, R, currents))
 
     def make_trial(self) -> ToolTrial:
-        """The device of the model."""
+        """Device without errors."""
         exact, k = ChainTrial.exact(self._device.channels), self._device.sensors
         return ToolTrial(
             **vars(exact), mixing=np.zeros((k, 3, 3)), reading=np.zeros((k, 3)), placement=np.zeros((k, 3)),
@@ -525,8 +528,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
             trial.moments = self._calibrated.find_true(trial, more)
         place, turn = trial.place, trial.turn
         currents, extra = np.zeros(self._device.channels), np.zeros(3)
-        # Currents follow from the pose, and the pose from readings with the coils' field in them: the third time all
-        # agree, and the first pose of a tracker is its last.
+        # Currents depend on the pose, and the pose on readings that include the coils' field: three iterations suffice,
+        # and the first pose of a tracker is its last.
         for _ in range(1 if point.hall is None else 3):
             if self._hall is not None and point.hall is not None:
                 place, turn = self._locate(self._hall, point, trial, extra, currents, more)
@@ -560,7 +563,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return fit[:3], point.R[:, :2] @ fit[3:]
 
     def _lag(self, point: ToolPoint, trial: ToolTrial, force_per_ampere: Array) -> Array:
-        """(3,) what is missing of the moment because the force turns, and the core is late [A·m²]."""
+        """(3,) deficit of the moment because the force rotates and the core lags [A·m²]."""
         if trial.lag == 0:
             return np.zeros(3)
         force = point.wrench[:3]
@@ -572,8 +575,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         return missing
 
     def _deliver(self, point: ToolPoint, trial: ToolTrial, currents: Array, extra: Array) -> Array:
-        """(3,) the true force [N]: of the coils and the moment `extra` (3,) [A·m²] with the magnet's strength, of the
-        core with its square."""
+        """(3,) true force [N]: that of the coils and the moment `extra` (3,) [A·m²] is linear in the magnet's strength,
+        that of the core quadratic."""
         matrix, passive, still, built = np.empty((6, 3)), np.zeros(6), np.zeros(6), trial.built
         p, per_moment = point.p - trial.shift, np.eye(3)
         from_core = p - built.core
@@ -595,20 +598,23 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
 
 
 def _interpolate(values: Sequence[Array], x: float) -> Array:
-    """The parabola through the three `values` at −1, 0 and 1, at x."""
+    """Parabola through the three `values` at −1, 0 and 1, evaluated at x."""
     low, middle, high = values
     found: Array = middle + 0.5 * x * (high - low) + 0.5 * x * x * (high - 2 * middle + low)
     return found
 
 
 ESTIMATORS = ("tracker", "hall")
-_TOOL_SOURCES_AVERAGED = 3.3  #: readings that the Hall tracker's filter is worth, at 1 kHz: it leaves 0.55 of the noise
-_HARDEST = 1 / 200  #: 1/permeability between which and the file's the pull changes in proportion
-_SPAN = 3.0  #: standard uncertainties up to which the core's radius is looked up; beyond, the parabola continues
+#: number of readings that the Hall tracker's filter averages, at 1 kHz: it passes 0.55 of the noise
+_TOOL_SOURCES_AVERAGED = 3.3
+#: 1/permeability up to which the core's attraction is interpolated linearly from the file's
+_MIN_INVERSE_PERMEABILITY = 1 / 200
+#: range of the core's radius in the table, in standard uncertainties; beyond, the parabola extrapolates
+_RADIUS_RANGE_SIGMAS = 3.0
 
 
 class Moments(ErrorSource[ToolTrial]):
-    """The moments per ampere, every component of every coil."""
+    """Moments per ampere, every component of every coil."""
 
     def __init__(self, standard: Array, share: str, origin: str) -> None:
         super().__init__("moments per ampere", share, origin, standard.size)
@@ -620,7 +626,7 @@ class Moments(ErrorSource[ToolTrial]):
 
 
 class TrackedPlace(ErrorSource[ToolTrial]):
-    """The position from the tracker."""
+    """Position from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
@@ -632,19 +638,19 @@ class TrackedPlace(ErrorSource[ToolTrial]):
 
 
 class TrackedAxis(ErrorSource[ToolTrial]):
-    """The direction from the tracker."""
+    """Direction from the tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked axis", f"{np.degrees(standard):.3g}°", origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Turn the estimated axis."""
+        """Rotate the estimated axis."""
         trial.turn += self._standard * deviates
 
 
 class CorePlace(ErrorSource[ToolTrial]):
-    """Where core and coils are."""
+    """Position of core and coils."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("position of core and coils", format_quantity(standard, "m"), origin, 3)
@@ -656,7 +662,7 @@ class CorePlace(ErrorSource[ToolTrial]):
 
 
 class CoreRadius(ErrorSource[ToolTrial]):
-    """How large the core is: its pull follows, the moments are measured with it."""
+    """Radius of the core: changes its attraction; the moments are measured with it."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("radius of the core", format_quantity(standard, "m"), origin, 1)
@@ -668,7 +674,7 @@ class CoreRadius(ErrorSource[ToolTrial]):
 
 
 class CoreRemanence(ErrorSource[ToolTrial]):
-    """The moment that stays in the core: along every axis anywhere between its greatest values."""
+    """Remanent moment of the core: uniform along each axis between its maximum values."""
 
     def __init__(self, core: CoreDynamics, origin: str) -> None:
         super().__init__("remanence of the core", f"{1e3 * core.remanent_moment / np.sqrt(3):.2g} mA·m²", origin, 4)
@@ -681,7 +687,7 @@ class CoreRemanence(ErrorSource[ToolTrial]):
 
 
 class EddyLag(ErrorSource[ToolTrial]):
-    """Eddy currents in the core, while the force turns at `frequency` [Hz] into any direction across it."""
+    """Eddy currents in the core, while the force rotates at `frequency` [Hz] in any direction normal to it."""
 
     def __init__(self, core: CoreDynamics, frequency: float, origin: str) -> None:
         text = f"{100 * core.lag(frequency):.2g} % at {frequency:g} Hz"
@@ -689,7 +695,7 @@ class EddyLag(ErrorSource[ToolTrial]):
         self._core, self._turn = core, 2 * np.pi * frequency
 
     def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Let the core be late."""
+        """Set the lag of the core."""
         share, time = np.exp(np.log1p(self._core.spread) * deviates[:2])
         x = 1j * self._turn * time * self._core.eddy_time
         trial.lag = complex(share * self._core.eddy_share * x / (1 + x))
@@ -703,7 +709,7 @@ def tool_errors(
     calibration: Calibration | None = None,
     frequency: float = 10.0,
 ) -> ToolErrors:
-    """The error model of `device` for forces of `asked` [N]; None: half of the least peak force in its shell.
+    """Error model of `device` for forces of `asked` [N]; None: half of the smallest peak force in its shell.
 
     The force turns at `frequency` [Hz]; 0: it is at rest. With a `calibration` the moments are as uncertain as it says
     and as the field sensors are with which it was made; the gains of the current sensors cancel.
@@ -733,7 +739,7 @@ def tool_errors(
         *current_sources(device, known, known.current_offset),
     ]
     computed = believed.moments_from == "windings" and believed.has_sizes and believed.tolerance is not None
-    if not computed:  # else by how windings are built
+    if not computed:  # otherwise by manufacturing errors of the windings
         sources.append(_moments(believed, calibration))
     if believed.tolerance is not None:
         sources += built_sources(believed, believed.tolerance, calibration)
@@ -744,8 +750,9 @@ def tool_errors(
     layers = shell_capability(believed, points=24).layers
     force = choose_size(believed.name, asked, min(min(one.peak_radial, one.peak_tangential) for one in layers), "N")
     made = ToolErrors(
-        believed, force, tuple(sources), chosen, _SPAN * known.core_radius,
-        calibrated=calibration is not None and weighed is None,  # what a load cell told is not of the field sensors
+        believed, force, tuple(sources), chosen, _RADIUS_RANGE_SIGMAS * known.core_radius,
+        # a calibration with a load cell does not concern the field sensors
+        calibrated=calibration is not None and weighed is None,
         frequency=frequency,
     )  # fmt: skip
     if not believed.has_sizes:
@@ -756,7 +763,7 @@ def tool_errors(
 def _tool_sources_pose_sources(
     device: SphericalElectromagnet, estimator: str, calibration: Calibration | None
 ) -> tuple[ErrorSource[ToolTrial], ...]:
-    """How the pose is known, and how well; and the field sensors, where the moments were measured with them."""
+    """Error sources of the pose; and of the field sensors, where the moments were measured with them."""
     known, found = device.uncertainty, None if calibration is None else calibration.sensors
     pose: tuple[ErrorSource[ToolTrial], ...] = ()
     if estimator == "tracker":
@@ -764,7 +771,7 @@ def _tool_sources_pose_sources(
             TrackedPlace(known.place, find_origin(device, known, "place")),
             TrackedAxis(known.axis, find_origin(device, known, "axis")),
         )
-    elif found is not None:  # what is stated are lengths of errors over all axes
+    elif found is not None:  # the stated values are norms of errors over all axes
         pose = (
             TrackedPlace(found.place / np.sqrt(3), "calibration"),
             TrackedAxis(found.axis / np.sqrt(2), "calibration"),

@@ -1,4 +1,4 @@
-"""What an error budget needs of a device: sources of error, places and wrenches, and the error of one trial.
+"""Error budget of a device: sources of error, error model, Monte Carlo propagation and sensitivity indices.
 
 A trial is one device as it could be, at one place. Every source draws from the standard normal distribution and changes
 the trial by its standard uncertainty times what was drawn. So a new source is one small class.
@@ -32,12 +32,12 @@ __all__ = [
 ]
 
 
-T = TypeVar("T")  #: what a source changes: a device as it could be
-P = TypeVar("P")  #: where the mover is and what is asked there
+T = TypeVar("T")  #: the trial that a source perturbs: one possible device
+P = TypeVar("P")  #: pose of the mover and commanded wrench
 
 
 class ErrorSource(ABC, Generic[T]):
-    """One reason why the delivered wrench differs from the commanded one; the base class of every source of error.
+    """Cause of a difference between delivered and commanded wrench; base class of every source of error.
 
     A subclass implements `perturb`, which changes a trial by its standard uncertainty times standard normal deviates.
 
@@ -71,14 +71,14 @@ class ErrorSource(ABC, Generic[T]):
 
 @dataclass(frozen=True)
 class Component:
-    """One component of the error as tables have it; several axes that are alike are taken together."""
+    """One component of the error for tables; equivalent axes are combined."""
 
     name: str
     axes: tuple[int, ...]
 
 
 class ErrorModel(ABC, Generic[T, P]):
-    """A device, its sources of error, and the chain from the wrench asked for to the wrench delivered.
+    """Device, sources of error, and the chain from the commanded to the delivered wrench.
 
     device      its name
     estimator   how the controller knows where the mover is
@@ -105,15 +105,15 @@ class ErrorModel(ABC, Generic[T, P]):
 
     @abstractmethod
     def draw_point(self, region: int, rng: np.random.Generator) -> P:
-        """A place in that region and a wrench to ask for there."""
+        """Random point in that region and a commanded wrench."""
 
     @abstractmethod
     def make_trial(self) -> T:
-        """The device of the model."""
+        """Device without errors."""
 
     @abstractmethod
     def wrench_error(self, point: P, trial: T) -> Array:
-        """(3,) what `trial` delivers at `point` less what is asked [N or N·m], along the axes of `components`."""
+        """(3,) delivered minus commanded wrench of `trial` at `point` [N or N·m], along the axes of `components`."""
 
     @property
     def dimension(self) -> int:
@@ -121,7 +121,7 @@ class ErrorModel(ABC, Generic[T, P]):
         return sum(source.dimension for source in self.sources)
 
     def try_error(self, point: P, deviates: Array, only: int | None = None) -> Array:
-        """(3,) the error with `deviates` (dimension,), or with those of source number `only` alone [N or N·m]."""
+        """(3,) error with `deviates` (dimension,), or with those of source number `only` alone [N or N·m]."""
         trial, first = self.make_trial(), 0
         for number, source in enumerate(self.sources):
             last = first + source.dimension
@@ -132,21 +132,21 @@ class ErrorModel(ABC, Generic[T, P]):
 
 
 # --------------------------------------------------------------------------------------------------
-# Propagation of distributions by Monte Carlo (JCGM 101), and which source contributes most (Sobol's indices).
+# Propagation of distributions by Monte Carlo (JCGM 101), with Sobol's sensitivity indices.
 #
-# Band: the 2.5 % and 97.5 % quantiles of each component's error and the 95 % quantile of its size, over devices, places
-# and directions. Shares: for every place and direction the variance over devices is split, and the variances are
-# averaged. The first-order index of a source is the part of the variance that it makes by itself, the total index the
-# part that would vanish if it were known exactly; for a chain that is nearly linear both agree, and the first-order
-# indices add up to one. The error is a vector: variances are sums over its components (Lamboni, Monod and Makowski
-# 2011). Estimators: Saltelli et al. 2010, Table 2 (b) and (f), with the place and direction kept the same in all
+# Band: the 2.5 % and 97.5 % quantiles of each component's error and the 95 % quantile of its norm, over devices,
+# positions and directions. Shares: for every position and direction the variance over devices is split, and the
+# variances are averaged. The first-order index of a source is the share of the variance that it causes by itself, the
+# total index the share that would vanish if it were known exactly; for a nearly linear chain both agree, and the
+# first-order indices add up to one. The error is a vector: variances are sums over its components (Lamboni, Monod and
+# Makowski 2011). Estimators: Saltelli et al. 2010, Table 2 (b) and (f), with the same position and direction in all
 # matrices.
 
 
 COVERAGE = 0.95  #: probability of the bands
 _FEWEST = 100
-_RESAMPLES = 1000  #: for the intervals of the shares
-_SHARED = 0.2  #: part of the samples that is used for the shares, which take many trials each
+_RESAMPLES = 1000  #: number of bootstrap resamples for the intervals of the shares
+_SHARED = 0.2  #: share of the samples used for the sensitivity indices, which need many trials each
 Report = Callable[[float], None]
 
 
@@ -166,13 +166,13 @@ class WrenchBand:
     size: float
 
     def contains(self, component: int, error: float) -> bool:
-        """Whether `error` of that component lies in the band."""
+        """Whether `error` of that component is within the band."""
         return bool(self.low[component] <= error <= self.high[component])
 
 
 @dataclass(frozen=True)
 class SourceShare:
-    """What one source does.
+    """Contribution of one source.
 
     alone        95 % of the errors are no longer than this if everything else is exact [N or N·m]
     first_order  its share of the variance by itself: first-order Sobol index
@@ -194,7 +194,7 @@ class SourceShare:
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """Bands by region, the whole workspace last, and sources by their share, the greatest first."""
+    """Bands by region, the whole workspace last, and sources by their share in descending order."""
 
     device: str
     estimator: str
@@ -210,14 +210,14 @@ class ErrorBudget:
     left_out: str = ""
 
     def count_jnd(self, size: float) -> float:
-        """An error `size` [N or N·m] in just-noticeable differences of the wrench asked for."""
+        """An error `size` [N or N·m] in just-noticeable differences of the commanded wrench."""
         return size / (self.jnd * self.asked)
 
 
 def error_budget(
     model: ErrorModel[T, P], samples: int = 2000, seed: int = 0, report: Report | None = None
 ) -> ErrorBudget:
-    """The budget of `model` from `samples` devices in each region; `report` receives the share that is done, 0 to 1.
+    """Error budget of `model` from `samples` devices in each region; `report` receives the progress, 0 to 1.
 
     Raises InputError for fewer than 100 samples or a negative seed.
     """
@@ -252,7 +252,7 @@ def error_budget(
 
 
 def _split_error(model: ErrorModel[T, P], point: P, a: Array, b: Array, errors: Array) -> tuple[Array, Array, Array]:
-    """(sources,) products whose means are the parts of the variance: first-order and total; (sources,) sizes of the
+    """(sources,) products whose means are the parts of the variance: first-order and total; (sources,) norms of the
     error of each source alone."""
     first, total, alone = (np.empty(len(model.sources)) for _ in range(3))
     start = 0
@@ -277,10 +277,11 @@ def _find_band(model: ErrorModel[T, P], region: str, errors: Array) -> WrenchBan
 
 
 def _rank_sources(model: ErrorModel[T, P], alone: Array, split: Array, seed: int) -> tuple[SourceShare, ...]:
-    """The greatest total first. alone (n, sources); split (n, 2 · sources + 1): products for both indices, variance."""
+    """Sort by total index, descending. alone (n, sources); split (n, 2 · sources + 1): products for both indices,
+    variance."""
     sizes = np.percentile(alone, 100 * COVERAGE, axis=0)
     count = len(split)
-    # which devices are drawn how often: every resample's sums are one row of a product
+    # multiplicity of each device in each resample: the sums of a resample are one row of a matrix product
     drawn = np.random.default_rng((seed, count)).multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
     sums = drawn @ split
     indices, resampled = (
@@ -301,14 +302,14 @@ def _rank_sources(model: ErrorModel[T, P], alone: Array, split: Array, seed: int
 
 
 # --------------------------------------------------------------------------------------------------
-# The size of the wrench whose error is stated: one that the device can give everywhere in its workspace.
+# Magnitude of the commanded wrench: feasible everywhere in the workspace.
 
 
-_SHARE = 0.5  #: of the least peak wrench: the default size
+_SHARE = 0.5  #: of the smallest peak wrench: the default magnitude
 
 
 def choose_size(device: str, asked: float | None, most: float, unit: str) -> float:
-    """The size of the wrench [N or N·m] that the budget asks for; `most` can be given everywhere in every direction.
+    """Magnitude of the commanded wrench [N or N·m]; `most` is feasible everywhere in every direction.
 
     None: half of the most, to one digit. Raises InputError for none or for more than can be given.
 

@@ -1,4 +1,4 @@
-"""The error model of each kind of device."""
+"""Error models of the kinds of devices."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def error_model(
     estimator: str | None = None,
     calibration: Calibration | None = None,
 ) -> ErrorModel[Any, Any]:
-    """The error model of `device` for a commanded wrench of `asked` [N or N·m], by its kind.
+    """Error model of `device` for a commanded wrench of `asked` [N or N·m], by its kind.
 
     None: half of the smallest peak in the workspace, the default estimator, no calibration. Raises InputError for a
     kind without an error model, and for what the device cannot give or have; UnknownName for another estimator.

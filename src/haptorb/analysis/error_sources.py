@@ -1,4 +1,4 @@
-"""Error sources that every kind of device has: current control, magnets and field sensors."""
+"""Error sources common to all kinds of devices: current control, magnets and field sensors."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# From wanted to true currents: what current sensors, windings, supply and steps make of them.
+# Error propagation from commanded to actual current: current sensors, windings, supply and quantisation.
 #
-# Above 2.5 % of its limit a coil's resistance is learned from the measured current, so that this current, and not the
-# true one, becomes the wanted one: errors of resistance and supply vanish, those of the current sensor remain. Below,
-# the resistance is taken from the device file, and it is the other way round.
+# Above 2.5 % of its limit a coil's resistance is estimated from the measured current, so that this current, not the
+# true one, follows the command: errors of resistance and supply vanish, those of the current sensor remain. Below, the
+# resistance is that of the device file, and the opposite is the case.
 
 
-_WINDOW = 100.0  #: ticks over which the learned resistance averages, at 1 kHz
+_AVERAGING_TICKS = 100.0  #: ticks over which the estimated resistance averages, at 1 kHz
 
 
 @dataclass
 class ChainTrial:
-    """How the electronics differ from their model; all zeros: not at all."""
+    """Deviations of the electronics from their model; all zeros: none."""
 
     gain: Array  #: (m,) of the current sensors, relative
     offset: Array  #: (m,) of the current sensors [A]
@@ -58,19 +58,19 @@ class ChainTrial:
         return cls(zero.copy(), zero.copy(), zero.copy(), 0.0, zero.copy())
 
     def read_currents(self, currents: Array) -> Array:
-        """(m,) what the sensors say of true `currents` (m,) [A]."""
+        """(m,) sensor readings of true `currents` (m,) [A]."""
         read: Array = (1 + self.gain) * currents + self.offset
         return read
 
 
 class CurrentLoop:
-    """The loop that holds the currents of `device`."""
+    """Current control of `device`."""
 
     def __init__(self, device: Device) -> None:
         self._learnable = np.array(make_coils(device)["learnable"])
 
     def true_currents(self, wanted: Array, trial: ChainTrial) -> Array:
-        """(m,) [A] the currents that flow where `wanted` (m,) [A] are, after the loop has settled."""
+        """(m,) [A] steady-state currents for the commanded `wanted` (m,) [A]."""
         learned = np.abs(wanted) > self._learnable
         measured = (wanted - trial.offset) / (1 + trial.gain)
         driven = wanted * (1 + trial.supply) / (1 + trial.resistance)
@@ -82,7 +82,7 @@ C = TypeVar("C", bound=ChainTrial)
 
 
 class CurrentGain(ErrorSource[C]):
-    """Gains of the current sensors, each its own."""
+    """Gains of the current sensors, independent."""
 
     def __init__(self, standard: float, origin: str, channels: int) -> None:
         super().__init__("current sensors, gain", describe_share(standard), origin, channels)
@@ -94,7 +94,7 @@ class CurrentGain(ErrorSource[C]):
 
 
 class CurrentOffset(ErrorSource[C]):
-    """Offsets of the current sensors, each its own."""
+    """Offsets of the current sensors, independent."""
 
     def __init__(self, standard: float, origin: str, channels: int) -> None:
         super().__init__("current sensors, offset", format_quantity(standard, "A"), origin, channels)
@@ -106,7 +106,7 @@ class CurrentOffset(ErrorSource[C]):
 
 
 class Resistance(ErrorSource[C]):
-    """Resistances of the windings, each its own."""
+    """Resistances of the windings, independent."""
 
     def __init__(self, standard: float, origin: str, channels: int) -> None:
         super().__init__("resistance", describe_share(standard), origin, channels)
@@ -118,7 +118,7 @@ class Resistance(ErrorSource[C]):
 
 
 class SupplyVoltage(ErrorSource[C]):
-    """The voltage that all coils share."""
+    """Supply voltage, common to all coils."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("supply voltage", describe_share(standard), origin, 1)
@@ -130,12 +130,12 @@ class SupplyVoltage(ErrorSource[C]):
 
 
 class CurrentSteps(ErrorSource[C]):
-    """Steps of the duty cycle, and noise of the current readings that the learned resistance lets through."""
+    """Quantisation of the duty cycle, and noise of the current readings that the estimated resistance passes."""
 
     def __init__(self, device: Device) -> None:
         supply = device.supply
         step = supply.voltage / device.coils.resistance / 2**supply.duty_bits
-        read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_WINDOW)
+        read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_AVERAGING_TICKS)
         self._standard: Array = np.hypot(step / np.sqrt(12), read)
         text = format_quantity(float(self._standard.max()), "A")
         super().__init__("quantisation and noise of the currents", text, "computed", device.channels)
@@ -146,7 +146,7 @@ class CurrentSteps(ErrorSource[C]):
 
 
 def current_sources(device: Device, known: ChainUncertainty, offset: float) -> tuple[ErrorSource[C], ...]:
-    """Those of every device; `offset` [A] of the current sensors."""
+    """Current sources of every device; `offset` [A] of the current sensors."""
     m = device.channels
     return (
         CurrentGain(known.current_gain, find_origin(device, known, "current_gain"), m),
@@ -158,7 +158,7 @@ def current_sources(device: Device, known: ChainUncertainty, offset: float) -> t
 
 
 def find_origin(device: Device, known: ChainUncertainty, key: str, section: str = "uncertainty") -> str:
-    """Where the value of `key` comes from: the device file, where it may be assumed, or the defaults of `known`."""
+    """Origin of the value of `key`: the device file, where it may be assumed, or the defaults of `known`."""
     if f"{section}.{key}" in device.assumed:
         return "assumed"
     return "device file" if section != "uncertainty" or known.is_stated(key) else "default"
@@ -174,11 +174,11 @@ def describe_share(share: float) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# How strong the mover's magnets are: a relative error of all of them, of each, or by their temperature.
+# Strength of the mover's magnets: relative error common to all, individual, or by temperature.
 
 
 class MagnetTrial(Protocol):
-    """A device with magnets in its mover."""
+    """Device with magnets in its mover."""
 
     def strengthen(self, factors: Array) -> None:
         """Multiply the strength of all magnets by `factors` (1,), or that of each by its own (p,)."""
@@ -188,7 +188,7 @@ M = TypeVar("M", bound=MagnetTrial)
 
 
 class MagnetStrength(ErrorSource[M]):
-    """The strength that all magnets share, or with several deviates that of each; `relative` standard uncertainty."""
+    """Strength common to all magnets, or with several deviates that of each; `relative` standard uncertainty."""
 
     def __init__(self, name: str, relative: float, origin: str, magnets: int = 1, text: str = "") -> None:
         super().__init__(name, text or describe_share(relative), origin, magnets)
@@ -200,23 +200,23 @@ class MagnetStrength(ErrorSource[M]):
 
 
 def magnet_warmth(name: str, device: Device, known: ChainUncertainty) -> MagnetStrength[M]:
-    """The temperature that all magnets of the mover share, in a hand and over warm coils."""
+    """Temperature common to all magnets of the mover, in a hand and over warm coils."""
     kelvin = known.magnet_temperature
     origin = find_origin(device, known, "magnet_temperature")
     return MagnetStrength(name, kelvin * known.remanence_drift, origin, text=f"{kelvin:.3g} K")
 
 
 # --------------------------------------------------------------------------------------------------
-# What field sensors make of the field: gain, cross-axis, offset, noise and place, each sensor its own.
+# Errors of the field sensors: gain, cross-axis, offset, noise and position, independent for each sensor.
 
 
 @dataclass
 class SensorTrial(ChainTrial):
-    """How the field sensors of one device differ from ideal ones, and the electronics; zeros: not at all."""
+    """Deviations of the field sensors and the electronics of one device from ideal ones; zeros: none."""
 
-    mixing: Array  #: (k, 3, 3) what they read of a field beyond the field itself, along their own axes
-    reading: Array  #: (k, 3) what they read without a field [T]
-    placement: Array  #: (k, 3) from the nominal places [m]
+    mixing: Array  #: (k, 3, 3) gain error and cross-axis sensitivity, along their own axes
+    reading: Array  #: (k, 3) reading at zero field [T]
+    placement: Array  #: (k, 3) displacement from the nominal positions [m]
 
     def read_field(self, field: Array, frames: Array | None = None) -> Array:
         """(k, 3) readings [T] of a true `field` (k, 3) [T]; columns of frames (k, 3, 3) are the sensors' own axes."""
@@ -230,20 +230,20 @@ S = TypeVar("S", bound=SensorTrial)
 
 
 class SensorMixing(ErrorSource[S]):
-    """Gain of each field sensor's axes, or what they read of each other."""
+    """Gain of each field sensor's axes, or its cross-axis sensitivity."""
 
     def __init__(self, name: str, standard: float, origin: str, sensors: int, *, across: bool) -> None:
         super().__init__(name, describe_share(standard), origin, sensors * (6 if across else 3))
         self._standard, self._where = standard, np.nonzero(np.eye(3) != across)
 
     def perturb(self, deviates: Array, trial: S) -> None:
-        """Change what the sensors read of a field."""
+        """Add to gain and cross-axis sensitivity."""
         rows, columns = self._where
         trial.mixing[:, rows, columns] += self._standard * deviates.reshape(len(trial.mixing), -1)
 
 
 class SensorReading(ErrorSource[S]):
-    """What each axis of the field sensors reads without a field: its offset, or its noise."""
+    """Reading of each axis of the field sensors at zero field: its offset, or its noise."""
 
     def __init__(self, name: str, standard: float, origin: str, sensors: int) -> None:
         super().__init__(name, format_quantity(standard, "T"), origin, 3 * sensors)
@@ -255,14 +255,14 @@ class SensorReading(ErrorSource[S]):
 
 
 class SensorAngle(ErrorSource[S]):
-    """How each field sensor is turned about its axes."""
+    """Rotation of each field sensor about its axes."""
 
     def __init__(self, standard: float, origin: str, sensors: int) -> None:
         super().__init__("field sensors, angle", f"{np.degrees(standard):.2g}°", origin, 3 * sensors)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: S) -> None:
-        """Turn the sensors, by small angles."""
+        """Rotate the sensors, by small angles."""
         x, y, z = self._standard * deviates.reshape(-1, 3).T
         for row, column, angle in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
             trial.mixing[:, row, column] += angle
@@ -270,7 +270,7 @@ class SensorAngle(ErrorSource[S]):
 
 
 class SensorPlacement(ErrorSource[S]):
-    """Where each field sensor is."""
+    """Position of each field sensor."""
 
     def __init__(self, standard: float, origin: str, sensors: int) -> None:
         super().__init__("field sensors, position", format_quantity(standard, "m"), origin, 3 * sensors)
@@ -282,7 +282,7 @@ class SensorPlacement(ErrorSource[S]):
 
 
 def sensor_sources(device: Device, hall: FieldSensors, section: str, averaged: float) -> tuple[ErrorSource[S], ...]:
-    """Those of the field sensors `hall` of `device` but their places; the device file has them in `section`.
+    """Sources of the field sensors `hall` of `device` except their positions; the device file has them in `section`.
 
     The estimator averages their noise over so many readings. All are at the temperature of their calibration.
     """

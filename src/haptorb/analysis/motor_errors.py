@@ -35,11 +35,12 @@ __all__ = ["MotorErrors", "MotorPoint", "MotorTrial", "motor_errors"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The chain of a spherical motor, from the torque asked for to the torque on the rotor, with errors in it.
+# Error chain of a spherical motor, from the commanded torque to the torque on the rotor.
 #
-# The true motor has other magnets, coils and currents than the device file says; the controller knows the orientation,
-# and how strong the magnets are, from field sensors with errors of their own. Their fit is taken as linear about the
-# truth: one Gauss–Newton step from there. The torque is at rest, and both sides use the table of the exact model.
+# The true motor has other magnets, coils and currents than those of the device file; the controller estimates the
+# orientation, and the strength of the magnets, from field sensors with errors of their own. Their fit is linearised
+# about the true values: one Gauss–Newton step from there. The torque is static, and both sides use the table of the
+# exact model.
 
 
 TORQUE_JND = 0.127  #: just-noticeable difference of a torque of 60 mN·m, relative
@@ -49,7 +50,7 @@ MOTOR_ERRORS_COMPONENTS = (Component("about X", (0,)), Component("about Y", (1,)
 
 @dataclass
 class MotorTrial(SensorTrial):
-    """How one motor differs from its model."""
+    """Deviations of one motor from its model."""
 
     polarization: Array  #: (p,) of each magnet, true over model
     coils: Array  #: (c,) torque per ampere and field of each coil, true over model
@@ -63,17 +64,17 @@ class MotorTrial(SensorTrial):
 
 
 class MotorPoint(NamedTuple):
-    """An orientation of the rotor, and the torque asked for."""
+    """Orientation of the rotor, and the commanded torque."""
 
     R: Array  #: (3, 3)
     wrench: Array  #: (6,) [N, N·m]
     field: Array  #: (k, 3) of the model's magnets at the sensors [T]
-    solve: Array  #: (4, 3 k) from what is left of the readings to the rotation [rad/T] and the strength [1/T]
+    solve: Array  #: (4, 3 k) from the residuals of the readings to the rotation [rad/T] and the strength [1/T]
 
 
 @final
 class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
-    """The error budget of `device` for torques of `asked` [N·m], with `sources`.
+    """Error model of `device` for torques of `asked` [N·m], with `sources`.
 
     estimator: "least-squares" (the field sensors) or "tracker".
     """
@@ -97,7 +98,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         return np.stack([coils_field(self._device, places, row).ravel() for row in one])
 
     def draw_point(self, region: int, rng: np.random.Generator) -> MotorPoint:
-        """A tilt in that third of the workspace's tilts, any spin; the torque in any direction."""
+        """Random tilt in that third of the workspace's tilts, any spin; the torque in any direction."""
         device = self._device
         while True:
             psi, lam = rng.uniform(-1.0, 1.0, 2)
@@ -124,7 +125,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         return field, np.asarray(np.linalg.solve(design.T @ design, design.T), dtype=np.float64)
 
     def make_trial(self) -> MotorTrial:
-        """The motor of the model."""
+        """Motor without errors."""
         device = self._device
         exact = ChainTrial.exact(device.channels)
         return MotorTrial(
@@ -139,8 +140,8 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         device, R = self._device, np.empty((3, 3))
         turn, strength, currents = trial.turn, 1.0, np.zeros(device.channels)
         believed = point.R
-        # The currents follow from the orientation, and the orientation from readings with the coils' field in them,
-        # which is small: the second time both agree.
+        # The currents depend on the orientation, and the orientation on readings that include the coils' field, which
+        # is small: two iterations suffice.
         for _ in range(2 if self._senses else 1):
             if self._senses:
                 turn, strength = self._fit_readings(point, trial, currents)
@@ -185,23 +186,22 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         device = self._device
         coefficients, least = device.tilt_torque
         own = coefficients.copy()
-        own[0] += device.weight_torque  # the regulator alone
+        own[0] += device.weight_torque  # regulator only
         back = trial.regulator * torque_over_sine(float(R[2, 2]), own, least) - trial.weight * device.weight_torque
         return np.array([back * R[1, 2], -back * R[0, 2], 0.0])
 
 
 # --------------------------------------------------------------------------------------------------
-# What is not known exactly about a spherical motor: one class for each source.
+# Error sources of a spherical motor: one class for each.
 
 
 MOTOR_SOURCES_ESTIMATORS = ("least-squares", "tracker")
-_MOTOR_SOURCES_AVERAGED = (
-    2.4  #: readings that the filter of the orientation is worth, at 1 kHz: 1/0.42, for its memory of 2.5 ms
-)
+#: number of readings that the orientation's filter averages, at 1 kHz: 1/0.42, for its time constant of 2.5 ms
+_MOTOR_SOURCES_AVERAGED = 2.4
 
 
 class CoilStrength(ErrorSource[MotorTrial]):
-    """What each coil gives per ampere."""
+    """Torque per ampere of each coil."""
 
     def __init__(self, standard: float, origin: str, coils: int) -> None:
         super().__init__("torque per ampere of each coil", describe_share(standard), origin, coils)
@@ -213,19 +213,19 @@ class CoilStrength(ErrorSource[MotorTrial]):
 
 
 class RegulatorTorque(ErrorSource[MotorTrial]):
-    """What holds the rotor up."""
+    """Torque of the gravity regulator."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("torque of the regulator", describe_share(standard), origin, 1)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change the regulator."""
+        """Change the regulator's torque."""
         trial.regulator += self._standard * float(deviates[0])
 
 
 class RotorWeight(ErrorSource[MotorTrial]):
-    """What the rotor weighs, and where."""
+    """Weight of the rotor, and its lever arm."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("weight of the rotor", describe_share(standard), origin, 1)
@@ -237,14 +237,14 @@ class RotorWeight(ErrorSource[MotorTrial]):
 
 
 class TrackedOrientation(ErrorSource[MotorTrial]):
-    """The orientation from a tracker."""
+    """Orientation from a tracker."""
 
     def __init__(self, standard: float, origin: str) -> None:
         super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
         self._standard = standard
 
     def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Turn the estimated rotor."""
+        """Rotate the estimated rotor."""
         trial.turn += self._standard * deviates
 
 
@@ -254,7 +254,7 @@ def motor_errors(
     estimator: str | None = None,
     calibration: Calibration | None = None,
 ) -> MotorErrors:
-    """The error model of `device` for torques of `asked` [N·m]; None: half of the least peak torque in its workspace.
+    """Error model of `device` for torques of `asked` [N·m]; None: half of the smallest peak torque in its workspace.
 
     Raises InputError for a torque that the coils cannot give everywhere, and for a calibration, which motors do not
     have; UnknownName for another estimator.
@@ -295,7 +295,7 @@ def motor_errors(
 
 
 def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple[ErrorSource[MotorTrial], ...]:
-    """How the orientation is known, and how well."""
+    """Error sources of the orientation, by estimator."""
     if estimator == "tracker":
         known = device.uncertainty
         return (TrackedOrientation(known.axis, find_origin(device, known, "axis")),)

@@ -1,4 +1,4 @@
-"""How stiff a sampled, late loop may be: the passivity bound, the delay bound, and the exact boundary for a hand.
+"""Stability of a sampled loop with delay: passivity bound, delay bound, and the exact stability boundary for a hand.
 
 A hand (mass m, damping b, stiffness k) in a world of stiffness K and damping B: m ẍ + b ẋ + k x = f. Poses are taken
 every `period`, become a force `delay` later, and that force is held. Three answers to how great K may be:
@@ -27,15 +27,15 @@ __all__ = ["GRIPS", "Field", "HandGrip", "SampledLoop", "Steepest", "Steepness",
 
 
 # --------------------------------------------------------------------------------------------------
-# Hands as the stability of a loop meets them: a mass on a spring and a damper, per axis.
+# Models of hands for the stability of a loop: mass, spring and damper per axis.
 #
-# What a hand is, is measured by pushing it: Hogan 1989 and Hajian and Howe 1997 report 0.1 to 0.8 kg, 2 to 10 N·s/m and
-# 100 to 500 N/m, from a pen held lightly to one held firmly. A tool that is not held has hardly any damping.
+# Measured by perturbation: Hogan 1989 and Hajian and Howe 1997 report 0.1 to 0.8 kg, 2 to 10 N·s/m and 100 to 500 N/m,
+# from a pen held lightly to one held firmly. A tool that is not held has hardly any damping.
 
 
 @dataclass(frozen=True)
 class HandGrip:
-    """One axis of a hand with what it holds: m ẍ + b ẋ + k x = force.
+    """Impedance of a hand and the object in it, along one axis: m ẍ + b ẋ + k x = force.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class HandGrip:
             )
 
     def with_mass(self, mass: float) -> HandGrip:
-        """Return the same hand with an object in it.
+        """Return the same hand with an additional mass.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class HandGrip:
         return HandGrip(self.mass + mass, self.damping, self.stiffness)
 
 
-#: Grips of a hand by name, `HandGrip` each. `loose` is assumed: fingers that only guide, with the least damping.
+#: Grips by name, `HandGrip` each. `loose` is assumed: fingers that only guide, with the minimum damping.
 GRIPS = {
     "loose": HandGrip(0.1, 1.0, 20.0),
     "light": HandGrip(0.1, 2.0, 100.0),
@@ -100,7 +100,7 @@ GRIPS = {
 
 
 def check_grip(text: str) -> HandGrip:
-    """The grip called `text`, or the one that its three numbers MASS,DAMPING,STIFFNESS describe.
+    """The grip with the name `text`, or with its three numbers MASS,DAMPING,STIFFNESS.
 
     Raises UnknownName for what is neither.
 
@@ -116,8 +116,8 @@ def check_grip(text: str) -> HandGrip:
     return HandGrip(mass, damping, stiffness)
 
 
-_SOFT, _HARD = 1e-2, 1e7  #: between these a largest stiffness is sought [N/m]
-_MAX_DELAY_PERIODS = 64  #: a delay of more periods is refused
+_MIN_STIFFNESS, _MAX_STIFFNESS = 1e-2, 1e7  #: search range of the largest stiffness [N/m]
+_MAX_DELAY_PERIODS = 64  #: maximum delay in periods
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class SampledLoop:
 
     @property
     def lateness(self) -> float:
-        """t_d [s]: the delay, and how late the current's area is on its ramp."""
+        """t_d [s]: the delay, plus the mean delay of the current's ramp."""
         return self.delay + self._ramp_area
 
     @property
@@ -312,15 +312,15 @@ class SampledLoop:
         def is_unstable(factor: float) -> bool:
             return self.growth(grip, factor * stiffness, factor * world_damping) >= 1.0 + 1e-12
 
-        low = 0.3 * self.delay_bound(grip.damping) / scale  # a good guess; if not stable there, begin from next to none
-        if low < _SOFT / scale or is_unstable(low):
-            low = _SOFT / scale
+        low = 0.3 * self.delay_bound(grip.damping) / scale  # initial estimate; if unstable, the search starts near zero
+        if low < _MIN_STIFFNESS / scale or is_unstable(low):
+            low = _MIN_STIFFNESS / scale
             if is_unstable(low):
                 return 0.0
         high = low
         while not is_unstable(high):
             low, high = high, 1.5 * high
-            if high > _HARD / scale:
+            if high > _MAX_STIFFNESS / scale:
                 return math.inf
         while high - low > 1e-4 * high:
             middle = 0.5 * (low + high)
@@ -328,15 +328,15 @@ class SampledLoop:
         return low
 
     def _map(self, grip: HandGrip, K: complex, B: float) -> NDArray[Any]:
-        """One period, from one force's beginning to the next; (n, n).
+        """State transition over one period, from the start of one force to the next; (n, n).
 
         The state is x, v, the force that acted until now, the last pose, the forces that are on their way, and the
         filter's place and velocity. Without a filter the velocity is the difference of two poses.
         """
         late = math.ceil(self.delay / self.period - 1e-9)
-        sampled = max(late * self.period - self.delay, 0.0)  # when in the period the pose is taken
+        sampled = max(late * self.period - self.delay, 0.0)  # sampling time of the pose within the period
         n = 6 + late
-        state = np.eye(n, dtype=np.complex128)  # columns: where every part of the state goes
+        state = np.eye(n, dtype=np.complex128)  # columns: images of the unit states
         x, v, before, pose = state[0], state[1], state[2], state[3]
         if late:
             force = state[4]
@@ -365,7 +365,7 @@ class SampledLoop:
     def _answer(
         self, K: complex, B: float, taken: NDArray[Any], before: NDArray[Any], place: NDArray[Any], rate: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """The force to a pose that was taken, and the filter's place and velocity after it."""
+        """Force computed for a sampled pose, with the filter's position and velocity after it."""
         if self.memory == 0.0:
             return -K * taken - B * (taken - before) / self.period, 0.0 * place, 0.0 * rate
         ahead = place + self.period * rate
@@ -376,7 +376,7 @@ class SampledLoop:
 
 @lru_cache(maxsize=4096)
 def _transition(grip: HandGrip, time_constant: float, dt: float) -> Array:
-    """(3, 4) x, v and current after `dt` from x, v, current and the current's goal (all forces, in newtons)."""
+    """(3, 4) x, v and current after `dt` from x, v, current and the current's setpoint (all as forces, in newtons)."""
     from scipy.linalg import expm
 
     m, b, k = grip.mass, grip.damping, grip.stiffness
@@ -393,25 +393,26 @@ def _transition(grip: HandGrip, time_constant: float, dt: float) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# How steep a world is: how its wrench changes with place and with velocity, by differences all over a workspace.
+# Stiffness and damping of a world: numerical derivatives of its wrench by position and velocity over a workspace.
 #
-# A spring that pulls back counts as positive stiffness: it is what sampling and delay can make oscillate. Negative
-# stiffness pushes away, as from the top of a dome; that a hand can slip off there is what such a world is for.
+# A restoring spring counts as positive stiffness: sampling and delay can make it oscillate. Negative stiffness repels,
+# as at the top of a dome; that a hand can slip off there is intended.
 
 
-#: (3,) force at a place (3,), with a velocity (3,), at a time [s]
+#: (3,) force at a position (3,), with a velocity (3,), at a time [s]
 Field = Callable[[Array, Array, float], Array]
 
-_STEP = 2e-5  #: of the differences [m]
-_SPEED = 0.05  #: of the differences by velocity [m/s]
-_JUMP = 0.6  #: share of a change that is left over a quarter of the step: below for slopes, above for jumps
-_WAYS = 150  #: on so many ways jumps are sought
-_NOTHING = 1e-3  #: a smaller jump is nothing to be felt [N]
+_POSITION_STEP_M = 2e-5  #: step of the differences [m]
+_VELOCITY_STEP_M_S = 0.05  #: step of the differences by velocity [m/s]
+#: share of a change that remains over a quarter of the step: below for slopes, above for discontinuities
+_JUMP_THRESHOLD = 0.6
+_JUMP_PATHS = 150  #: number of paths on which discontinuities are searched
+_MIN_JUMP_N = 1e-3  #: discontinuity below which it is not perceptible [N]
 
 
 @dataclass(frozen=True)
 class Steepness:
-    """At one place, along one direction: stiffness and damping as the hand meets them.
+    """Stiffness and damping at one position, along one direction.
 
     A complex stiffness is an eigenvalue of a force field that is no gradient: it also turns what it pushes.
     """
@@ -423,7 +424,7 @@ class Steepness:
 
 @dataclass(frozen=True)
 class Steepest:
-    """What is steepest anywhere.
+    """Maximum stiffness and damping of a world, with their positions.
 
     candidates   where the loop may be nearest to its limits: the strongest springs, dampers and pushing dampers
     away         the greatest stiffness that pushes away [N/m]
@@ -436,19 +437,19 @@ class Steepest:
 
     @property
     def stiffness(self) -> float:
-        """The greatest that pulls back [N/m]."""
+        """Largest restoring stiffness [N/m]."""
         return max((one.stiffness.real for one in self.candidates), default=0.0) + 0.0
 
     @property
     def damping(self) -> float:
-        """The greatest magnitude of the world's own damping [N·s/m]."""
+        """Largest magnitude of the world's own damping [N·s/m]."""
         return max((abs(one.damping) for one in self.candidates), default=0.0)
 
 
 def steepest(
     field: Field, places: Array, inside: Callable[[Array], bool] = lambda p: True, *, seed: int = 0, keep: int = 12
 ) -> Steepest:
-    """Look at `places` (n, 3) [m], climb from the steepest as far as `inside`, and keep the `keep` most critical.
+    """Evaluate `places` (n, 3) [m], climb from the steepest within `inside`, and return the `keep` most critical ones.
 
     Where `field` jumps the change is no slope; jumps are measured, also between the places, and left out.
     """
@@ -458,7 +459,7 @@ def steepest(
     away, jump = 0.0, _greatest_jump(field, places, times, inside)
 
     def look(p: Array, t: float, moving: bool) -> float:
-        """The steepness at `p`; its strongest spring [N/m]."""
+        """Stiffness and damping at `p`; returns the strongest spring [N/m]."""
         nonlocal away, jump
         G, leap = _position_gradient(field, p, t)
         jump = max(jump, leap)
@@ -477,7 +478,7 @@ def steepest(
     scale = float(np.abs(places).max())
     for n in np.argsort(sizes)[::-1][:6]:
         p, best, reach, t = places[n].copy(), sizes[n], 0.05 * scale, float(times[n])
-        while reach > _STEP:
+        while reach > _POSITION_STEP_M:
             tried = [q for q in p + 0.5 * reach * rng.normal(size=(8, 3)) if inside(q)]
             grown = [look(q, t, False) for q in tried]
             m = int(np.argmax(grown)) if grown else -1
@@ -490,7 +491,7 @@ def steepest(
 
 
 def _select_critical(found: list[Steepness], keep: int) -> tuple[Steepness, ...]:
-    """The strongest springs, the strongest dampers and the strongest pushing dampers, each only once."""
+    """The strongest springs, dampers and negative dampers, without duplicates."""
     by: tuple[Callable[[Steepness], float], ...] = (
         lambda one: one.stiffness.real,
         lambda one: abs(one.stiffness) if one.stiffness.imag else 0.0,
@@ -506,35 +507,36 @@ def _select_critical(found: list[Steepness], keep: int) -> tuple[Steepness, ...]
 
 
 def _position_gradient(field: Field, p: Array, t: float) -> tuple[Array, float]:
-    """(3, 3) ∂F/∂p [N/m], columns that jump left out, and the greatest jump [N]."""
+    """(3, 3) ∂F/∂p [N/m] without discontinuous columns, and the largest discontinuity [N]."""
     G, jump, still = np.zeros((3, 3)), 0.0, np.zeros(3)
     for j in range(3):
         step = np.zeros(3)
-        step[j] = _STEP
+        step[j] = _POSITION_STEP_M
         wide = field(p + step, still, t) - field(p - step, still, t)
         near = field(p + step / 4, still, t) - field(p - step / 4, still, t)
         whole, part = float(np.linalg.norm(wide)), float(np.linalg.norm(near))
-        if whole > _NOTHING and (part > _JUMP * whole or part == 0.0):  # else the force follows the step
+        # otherwise the force is proportional to the step
+        if whole > _MIN_JUMP_N and (part > _JUMP_THRESHOLD * whole or part == 0.0):
             beside = 1.25 * step if part == 0.0 else step
             leap = _find_jump(field, p - beside, p + beside, t)
-            if leap > _NOTHING:
+            if leap > _MIN_JUMP_N:
                 jump = max(jump, leap)
                 continue
-        G[:, j] = near / (_STEP / 2)
+        G[:, j] = near / (_POSITION_STEP_M / 2)
     return G, jump
 
 
 def _greatest_jump(field: Field, places: Array, times: Array, inside: Callable[[Array], bool]) -> float:
-    """The greatest jump [N] on straight ways from each place to the next: the steepest piece, halved until it shows."""
+    """Largest discontinuity [N] on straight paths between consecutive points: bisection of the steepest segment."""
     still, jump = np.zeros(3), 0.0
     ways = []
-    for a, b, t in list(zip(places, np.roll(places, 1, axis=0), times, strict=True))[:_WAYS]:
+    for a, b, t in list(zip(places, np.roll(places, 1, axis=0), times, strict=True))[:_JUMP_PATHS]:
         forces = np.array([field(a + s * (b - a), still, t) for s in np.linspace(0, 1, 33)])
         change = np.linalg.norm(np.diff(forces, axis=0), axis=1)
         n = int(change.argmax())
         ways.append((float(change[n]), a + n / 32 * (b - a), a + (n + 1) / 32 * (b - a), t))
     for change, low, high, t in sorted(ways, key=lambda way: -way[0])[:40]:
-        if change <= max(jump, _NOTHING):
+        if change <= max(jump, _MIN_JUMP_N):
             break
         if inside(low) and inside(high):
             jump = max(jump, _find_jump(field, low, high, t))
@@ -542,7 +544,7 @@ def _greatest_jump(field: Field, places: Array, times: Array, inside: Callable[[
 
 
 def _find_jump(field: Field, low: Array, high: Array, t: float) -> float:
-    """The jump [N] somewhere between two places: the half that changes more is halved until a slope would be gone."""
+    """Discontinuity [N] between two positions: bisection of the half with the larger change, beyond any slope."""
     still = np.zeros(3)
     while np.linalg.norm(high - low) > 1e-9:
         middle = 0.5 * (low + high)
@@ -550,14 +552,14 @@ def _find_jump(field: Field, low: Array, high: Array, t: float) -> float:
         first = np.linalg.norm(f - field(low, still, t)) > np.linalg.norm(field(high, still, t) - f)
         low, high = (low, middle) if first else (middle, high)
     leap = float(np.linalg.norm(field(high, still, t) - field(low, still, t)))
-    return leap if leap > _NOTHING else 0.0
+    return leap if leap > _MIN_JUMP_N else 0.0
 
 
 def _velocity_gradient(field: Field, p: Array, t: float) -> tuple[Array, Array]:
-    """(3, 3) −∂F/∂v [N·s/m], symmetric: the one that brakes most and the one that pushes most, of standing still and of
+    """(3, 3) −∂F/∂v [N·s/m], symmetric: the largest and the smallest damping, among standing still and
     moving either way along each axis."""
     found = []
-    for at in (np.zeros(3), *(_SPEED * np.eye(3)), *(-_SPEED * np.eye(3))):
+    for at in (np.zeros(3), *(_VELOCITY_STEP_M_S * np.eye(3)), *(-_VELOCITY_STEP_M_S * np.eye(3))):
         D = np.zeros((3, 3))
         for j in range(3):
             step = np.zeros(3)

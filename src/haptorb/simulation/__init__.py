@@ -1,1 +1,1 @@
-"""The physical world behind the simulated driver: coils, tool, hand, sensors. Deterministic for a seed."""
+"""Simulated devices: coils, tool, hand and sensors behind the simulated driver. Deterministic for a seed."""

@@ -1,4 +1,4 @@
-"""The abstract simulation behind a driver: it advances in time, returns samples, and knows the true wrench."""
+"""Abstract simulation behind a driver: it advances in time, returns samples, and provides the true wrench."""
 
 from __future__ import annotations
 
@@ -131,20 +131,20 @@ class Simulation(ABC):
 
 
 # --------------------------------------------------------------------------------------------------
-# What the simulated kinds of device share: coils behind a chopper, and time in compiled steps.
+# Common part of the simulated kinds of device: coils behind a chopper, and time in compiled steps.
 
 
 class CoilSimulation(Simulation):
-    """A simulation with (m,) COIL and a state (1,) whose fields `dt` and `steps` say how compiled code advances it."""
+    """Simulation with (m,) COIL and a state (1,) whose fields `dt` and `steps` control the compiled integration."""
 
     def __init__(self, state: Records, coils: Records, longest: float, duty_bits: int) -> None:
-        """longest: of a step [s]."""
+        """Initialise; longest: maximum step [s]."""
         self._state, self._coils, self._longest = state, coils, longest
         self._steps_of_duty = float(2**duty_bits)
         self._last_dt, self._t = 0.0, 0.0
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents continue."""
+        """Set the coils to the ambient temperature; currents do not change."""
         self._coils["winding"] = self._coils["body"] = self._coils["ambient"]
 
     def quantise(self, duties: Array) -> Array:
@@ -155,10 +155,10 @@ class CoilSimulation(Simulation):
 
     @abstractmethod
     def _fill_heat(self, dt: float) -> None:
-        """Make the state's heat that of a step of `dt` [s]."""
+        """Update the state's thermal step for a step of `dt` [s]."""
 
     def _set_steps(self, dt: float) -> bool:
-        """Let the state advance by `dt` [s] with the next call of compiled code; False if that is no time at all.
+        """Set steps so that the next call of compiled code advances the state by `dt` [s]; False for zero time.
 
         Raises InputError for less than 0 or more than 10 s.
         """

@@ -1,4 +1,4 @@
-"""The electromagnet that was built, not quite the one of its file: drawn from the tolerances, computed by filaments.
+"""Electromagnet as built: parameters drawn from the tolerances of its file, field computed from filaments.
 
 Windings of other sizes, off their places and askew, a core off the centre, not quite round and of another permeability,
 a magnet of another remanence, the earth's field, and a steel object near, if there is one. Nothing of the controller's
@@ -35,17 +35,18 @@ from haptorb.magnetics.special import loop_field
 __all__ = ["BuiltElectromagnet", "Steel", "TruthMap", "compute_fields", "draw_electromagnet", "fill_truth"]
 
 _K = MU0 / (4 * np.pi)
-_LOOPS = (2, 4)  #: of a winding, across and along, at Gauss's points, for the tool's magnet …
-_CLOSE = (6, 16)  #: … and for sensors, which may be a few millimetres from it
-_ORDERS = (4, 16)  #: fewest and most degrees of the core's harmonics
-_LEFT_OUT = 1e-2  #: of the next degree where charges are nearest; of the whole it is 1e-5, as terms themselves fall
+_LOOPS = (2, 4)  #: of a winding, across and along, at Gauss points, for the tool's magnet …
+_NEAR_LOOPS = (6, 16)  #: … and for sensors, which may be a few millimetres away
+_ORDERS = (4, 16)  #: minimum and maximum degree of the core's harmonics
+#: truncation: of the next degree at the nearest charges; of the total it is 1e-5, as the terms themselves decrease
+_TRUNCATION = 1e-2
 _FACE = {"radial": 2, "azimuth": 6}  #: charges on each face of the magnet
 _TRIES = 100
 
 
 @dataclass(frozen=True)
 class Steel:
-    """A ball of soft steel near the device: what it does is that of any compact object of that volume, nearly."""
+    """Ball of soft steel near the device: approximates any compact object of that volume."""
 
     place: Array  #: (3,) of its centre, stator frame [m]
     radius: float  #: [m]
@@ -58,20 +59,20 @@ class Steel:
 
 @dataclass(frozen=True)
 class BuiltElectromagnet:
-    """Coils, core and magnet as they are, and what is around them."""
+    """True coils, core and magnet of one specimen, with its surroundings."""
 
     coils: PlacedCoils | None  #: None: points, with `moments`
-    moments: Array  #: (3, 3) [m²] per ampere of coils that are points, the core's answer included
+    moments: Array  #: (3, 3) [m²] per ampere of point coils, with the core's response
     core: SoftSphere
     core_place: Array  #: (3,) [m]
     core_axes: Array  #: (3, 3) columns: directions of the core's semi-axes
-    core_stretch: Array  #: (3,) by how much each semi-axis is longer than the radius, relative
+    core_stretch: Array  #: (3,) relative excess of each semi-axis over the radius
     ring: ChargedRing  #: the tool's magnet
     earth: Array  #: (3,) [T] uniform
     steel: Steel | None = None
 
     def compute_stretch(self) -> Array:
-        """(3, 3) [A·m²/T] what the core's moment in a uniform field has beside that of a ball.
+        """(3, 3) [A·m²/T] moment of the core in a uniform field minus that of a ball.
 
         The moment of an ellipsoid: V χ/(1 + N χ) H (Stratton, Electromagnetic Theory, §3.27). Its answers of higher
         degree are taken as the ball's: the share that is left out is that of `core_stretch` in them.
@@ -88,7 +89,7 @@ class BuiltElectromagnet:
         return stretch
 
     def compute_map(self, nearest: float) -> TruthMap:
-        """For compiled code; charges come no nearer to the core's centre than `nearest` [m]."""
+        """Data for compiled code; charges come no nearer to the core's centre than `nearest` [m]."""
         stretch, place = self.compute_stretch(), self.core_place
         count = 3 if self.coils is None else len(self.coils.turns)
         loops = self.list_loops(*_LOOPS)
@@ -98,7 +99,7 @@ class BuiltElectromagnet:
             centres, axes = self.coils.position, self.coils.axis
             closest = max(float(self._about_core.nearest.min()), closest)
         ratio = self.core.radius**2 / (max(nearest, 1.05 * self.core.radius) * closest)
-        order = int(np.clip(np.ceil(np.log(_LEFT_OUT) / np.log(ratio)), *_ORDERS))
+        order = int(np.clip(np.ceil(np.log(_TRUNCATION) / np.log(ratio)), *_ORDERS))
         answers = np.zeros((count, (order + 1) * (order + 2) // 2, 2))
         if self.coils is not None:
             for number, coil in enumerate(place_coils(self._about_core)):
@@ -118,7 +119,7 @@ class BuiltElectromagnet:
         return made._replace(steel=self.steel.place, steel_share=self.steel.share, steel_field=field)
 
     def list_loops(self, across: int, along: int) -> Array:
-        """(m, f, 3) the coils as `TruthMap` has them, in so many loops; coils that are points have none."""
+        """(m, f, 3) loops of the coils in the format of `TruthMap`; point coils have none."""
         if self.coils is None:
             return np.zeros((3, 0, 3))
         made = [self.coils.coil(number).filaments(across, along) for number in range(len(self.coils.turns))]
@@ -126,7 +127,7 @@ class BuiltElectromagnet:
 
     def compute_fields(self, truth: TruthMap, points: Array) -> Array:
         """(n, 3, m) [T/A] of coils, core and steel at `points` (n, 3) [m], which may be close to a winding."""
-        return compute_fields(truth._replace(loops=self.list_loops(*_CLOSE)), points)
+        return compute_fields(truth._replace(loops=self.list_loops(*_NEAR_LOOPS)), points)
 
     @property
     def _about_core(self) -> PlacedCoils:
@@ -134,14 +135,15 @@ class BuiltElectromagnet:
         return replace(self.coils, position=self.coils.position - self.core_place)
 
     def compute_moments(self) -> Array:
-        """(3, m) [m²] of each coil per ampere with the core, seen from far away."""
+        """(3, m) [m²] far-field moment per ampere of each coil with the core."""
         if self.coils is None:
             return self.moments
         own = np.stack([coil.moment for coil in place_coils(self.coils)], axis=1)
         return own + self.compute_core_moments()
 
     def compute_core_moments(self) -> Array:
-        """(3, m) [m²] of the core alone per ampere in each coil; zero where the coils are points, with the core."""
+        """(3, m) [m²] moment of the core alone per ampere in each coil; zero for point coils, whose moments include
+        it."""
         if self.coils is None:
             return np.zeros_like(self.moments)
         stretch, fields = self.compute_stretch(), [coil.field(np.zeros(3)) for coil in place_coils(self._about_core)]
@@ -149,7 +151,7 @@ class BuiltElectromagnet:
 
 
 class TruthMap(NamedTuple):
-    """A `BuiltElectromagnet` as compiled code takes it."""
+    """A `BuiltElectromagnet` in the form that compiled code needs."""
 
     charges: Array  #: (4, n) of the tool's magnet, mover frame [m, A·m]
     centres: Array  #: (m, 3) of the coils [m]
@@ -159,19 +161,19 @@ class TruthMap(NamedTuple):
     core: Array  #: (3,) its centre [m]
     radius: float  #: of the core [m]
     order: int  #: degree of the core's harmonics
-    answers: Array  #: (m, k, 2) of the core to each coil [T·m/A]
-    shares: Array  #: (k,) of the core's answer to the magnet
-    stretch: Array  #: (3, 3) [A·m²/T] moment of the core beside that of a ball
+    answers: Array  #: (m, k, 2) response of the core to each coil [T·m/A]
+    shares: Array  #: (k,) factors of the core's response to the magnet
+    stretch: Array  #: (3, 3) [A·m²/T] moment of the core minus that of a ball
     earth: Array  #: (3,) [T]
-    earth_moment: Array  #: (3,) of the core in it [A·m²]
-    steel: Array  #: (3,) place of the steel object [m]
-    steel_share: float  #: its moment per field [A·m²/T]; 0: there is none
+    earth_moment: Array  #: (3,) moment of the core in that field [A·m²]
+    steel: Array  #: (3,) position of the steel object [m]
+    steel_share: float  #: its moment per field [A·m²/T]; 0: none
     steel_field: Array  #: (3, m) [T/A] of coils and core there
 
 
 @kernel
 def _field_of_charges(placed: Array, x: float, y: float, z: float, out: Array) -> None:
-    """out (3,) [T] at (x, y, z) of charges `placed` (7, n), as `place_charges` has them."""
+    """out (3,) [T] at (x, y, z) of charges `placed` (7, n) in the format of `place_charges`."""
     out[:] = 0.0
     for n in range(placed.shape[1]):
         dx, dy, dz = x - placed[0, n], y - placed[1, n], z - placed[2, n]
@@ -184,7 +186,7 @@ def _field_of_charges(placed: Array, x: float, y: float, z: float, out: Array) -
 
 @kernel
 def _add_loops(t: TruthMap, placed: Array, out: Array) -> None:
-    """Add to out (6, m) what the windings themselves do to the charges `placed` (7, n)."""
+    """Add to out (6, m) the wrench of the windings themselves on the charges `placed` (7, n)."""
     for j in range(t.loops.shape[0]):
         ax, ay, az = t.axes[j, 0], t.axes[j, 1], t.axes[j, 2]
         for n in range(placed.shape[1]):
@@ -255,7 +257,7 @@ def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_
         for k in range(3):
             moment[i] += t.stretch[i, k] * field[k]
     _add_moment(per_moment, moment, passive)
-    for i in range(3):  # the magnet's own moment in the earth's field
+    for i in range(3):  # torque on the magnet in the earth's field
         a, b = (i + 1) % 3, (i + 2) % 3
         passive[3 + i] += magnet[a] * t.earth[b] - magnet[b] * t.earth[a]
     for n in range(placed.shape[1]):
@@ -277,7 +279,7 @@ def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_
         passive[i] += pull[i, 0]
 
 
-_UNIT = np.array([[0.0], [0.0], [0.0], [1.0]])  #: one charge: the force on it is the field
+_UNIT = np.array([[0.0], [0.0], [0.0], [1.0]])  #: one unit charge: the force on it is the field
 
 
 def compute_fields(t: TruthMap, points: Array) -> Array:
@@ -291,13 +293,13 @@ def compute_fields(t: TruthMap, points: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Drawing one.
+# Drawing a specimen.
 
 
 def draw_electromagnet(
     device: SphericalElectromagnet, specimen: int = 0, steel: Steel | None = None
 ) -> BuiltElectromagnet:
-    """Number `specimen` of the electromagnets that can be built after the file of `device`: always the same one.
+    """Draw specimen number `specimen` of the electromagnets within the tolerances of `device`; reproducible.
 
     Every value lies within √3 times its standard deviation of [tolerance] or [uncertainty], all alike likely; moments
     per ampere that were measured are known as well as [uncertainty] says, whatever the windings are. Without tolerances
@@ -364,7 +366,7 @@ def draw_electromagnet(
 
 
 def _place_nominal(device: SphericalElectromagnet, moments: Array) -> PlacedCoils:
-    """The windings of `device` about the centre, each about its column of `moments` (3, 3)."""
+    """Windings of `device` about the centre, each about its column of `moments` (3, 3)."""
     sizes = device.windings
     assert sizes is not None
     axes = (moments / np.linalg.norm(moments, axis=0)).T
@@ -377,7 +379,7 @@ def _place_nominal(device: SphericalElectromagnet, moments: Array) -> PlacedCoil
 def _scale_to_moments(
     device: SphericalElectromagnet, coils: PlacedCoils, core: SoftSphere, moments: Array, place: Array | None = None
 ) -> PlacedCoils:
-    """`coils` with as many turns as give the fields on their axes that `moments` (3, 3) [m²] stand for.
+    """`coils` with the number of turns for which the fields on their axes match `moments` (3, 3) [m²].
 
     Measured at the device's `moments_at` from its centre; far away, the moments themselves.
     """

@@ -1,4 +1,4 @@
-"""A coil array, its tool and a hand, simulated: what the driver of a real one would meet.
+"""Simulation of a coil array with its tool and a hand, behind the driver interface.
 
 The truth is not what the controller knows: coils are off their places, askew and stronger or weaker than in the device
 file, within its `[tolerance]`; they have inductance and warm up, the moving tool induces a voltage in them, and sensors
@@ -42,17 +42,17 @@ __all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array", "draw_coils"]
 
 
 # --------------------------------------------------------------------------------------------------
-# A coil array's physics in compiled code: some steps of coils, core, tool, surface and hand.
+# Physics of a coil array in compiled code: steps of coils, core, tool, surface and hand.
 #
-# The map of a hundred coils takes as long as all the rest of a tick. So it is computed at most once a millisecond, and
-# between two times it is continued (`parts.find_share`). A loop that catches up some missed ticks in one call gets one
-# map for them, or it would miss the next ones, too.
+# The map of a hundred coils takes as long as the rest of a tick. So it is computed at most once a millisecond, and
+# extrapolated in between (`parts.find_share`). A loop that catches up several missed ticks in one call gets one map for
+# them, or it would miss the next ones, too.
 
 
-_APART = 4  #: the map is computed again not before so many steps …
-_COILS_PER_EXTRA_STEP = 32  #: … nor, in one call, more than once and once more for so many
+_MIN_MAP_STEPS = 4  #: minimum number of steps between two maps …
+_COILS_PER_EXTRA_STEP = 32  #: … and in one call one map, plus one more per so many steps and coils
 
-#: All that a simulated coil array remembers but its coils and its map.
+#: State of a simulated coil array except its coils and its map.
 COIL_ARRAY = fields(
     ("tool", TOOL),
     ("plate", "?"),  # the surface is a plate, not a dome
@@ -60,14 +60,14 @@ COIL_ARRAY = fields(
     ("steps", "i8"),  # in one call
     ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
     ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
-    ("depth", "f8"),  # how far the surface gives way under the tool [m]
+    ("depth", "f8"),  # deflection of the surface under the tool [m]
     ("age", "i8"),  # of the newest map [steps]
 )
 
 
 @kernel
 def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array) -> None:
-    """The map at R (3, 3) and p (3,) [m] into `newest` (11, w), and what it has changed by into `change` (11, w)."""
+    """Write the map at R (3, 3) and p (3,) [m] into `newest` (11, w), and its change into `change` (11, w)."""
     count = magnetics.coils.shape[0]
     pose, passive, matrix = np.empty((4, 3)), np.empty(6), np.empty((6, count))
     pose[:3], pose[3] = R, p
@@ -75,7 +75,7 @@ def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array
     change[:] = -newest
     newest[:4, :3], newest[4, :6], newest[5:, :count] = pose, passive, matrix
     change += newest
-    if not np.isfinite(change[3, 0]):  # the first
+    if not np.isfinite(change[3, 0]):  # the first map
         change[:] = 0.0
 
 
@@ -83,7 +83,7 @@ def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array
 def advance_array(
     array: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, magnetics: ArrayMap, held: Array
 ) -> None:
-    """Some steps of coils, core, tool, surface and hand: `array` (1,) COIL_ARRAY and `coils` (m,) COIL advance.
+    """Advance `array` (1,) COIL_ARRAY and `coils` (m,) COIL by several steps of coils, core, tool, surface and hand.
 
     duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
     went; held (2, 11, max(m, 6)): pose (4), passive (1) and matrix (6, m) of the newest map, and what they have changed
@@ -102,7 +102,7 @@ def advance_array(
     for _ in range(e.steps):
         matrix(tool.q[:], R)
         e.age += 1
-        if left > 0 and e.age >= _APART and is_elsewhere(newest, R, tool.p):
+        if left > 0 and e.age >= _MIN_MAP_STEPS and is_elsewhere(newest, R, tool.p):
             _renew(magnetics, R, tool.p, newest, change)
             e.age = 0
             left -= 1
@@ -111,7 +111,7 @@ def advance_array(
             given[i] = newest[4, i] + share * change[4, i]
             for k in range(count):
                 per_current[i, k] = newest[5 + i, k] + share * change[5 + i, k]
-        for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
+        for k in range(count):  # the power that leaves the coil's circuit equals the power delivered to the tool
             emf = 0.0
             for i in range(3):
                 emf += per_current[i, k] * tool.v[i] + per_current[3 + i, k] * tool.w[i]
@@ -127,12 +127,12 @@ def advance_array(
         move(tool, R, turn, total, dt)
 
 
-_STEP = 2.5e-4  #: of the simulation [s]
-_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
+_STEP_S = 2.5e-4  #: of the simulation [s]
+_INITIAL_MAP_AGE = 1_000_000  #: initial age, so that the map is computed at the first step [steps]
 
 
 def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
-    """The coils of a `specimen` of `device` as they could be built: of one file and number always the same."""
+    """Coils of a `specimen` of `device` within its tolerances; reproducible for one file and number."""
     coils, tolerance = device.windings, device.tolerance
     draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen]))
     shift, lean = draw.standard_normal((2, *coils.position.shape))
@@ -164,9 +164,9 @@ class SimulatedCoilArray(CoilSimulation):
     def __init__(self, device: CoilArray, seed: int = 0, *, held: bool = True, specimen: int | None = None) -> None:
         self.device: CoilArray = device
         number = seed if specimen is None else specimen
-        seed_noise(number)  # refuses what is no number of a device
+        seed_noise(number)  # rejects an invalid specimen number
         self._magnetics = device.compute_magnetics(draw_coils(device, number))
-        super().__init__(np.zeros(1, dtype=COIL_ARRAY), cold_coils(device), _STEP, device.supply.duty_bits)
+        super().__init__(np.zeros(1, dtype=COIL_ARRAY), cold_coils(device), _STEP_S, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
         self._tool = self._state["tool"]
         surface = device.surface
@@ -176,7 +176,7 @@ class SimulatedCoilArray(CoilSimulation):
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
-        """Cold coils without currents, the tool at rest above the surface, noise from `seed`."""
+        """Reset: cold coils without currents, the tool at rest above the surface, noise from `seed`."""
         self._noise = np.random.default_rng(seed)
         self._coils = cold_coils(self.device)
         self._state["wrench"] = self._state["depth"] = 0.0
@@ -185,7 +185,7 @@ class SimulatedCoilArray(CoilSimulation):
         self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below the surface it is lifted to contact.
+        """Place the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below the surface it is raised to contact.
 
         Raises InputError for what is no place or no quaternion.
         """
@@ -197,13 +197,13 @@ class SimulatedCoilArray(CoilSimulation):
         tool["q"] = turned / np.linalg.norm(turned)
         tool["v"] = tool["w"] = 0.0
         tool["goal"], tool["goal_q"] = at, tool["q"]
-        self._state["age"] = _OLD
+        self._state["age"] = _INITIAL_MAP_AGE
 
     def _fill_heat(self, dt: float) -> None:
         self._state["heat"] = self.device.coils.heat.coil.step(dt)
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
+        """Advance by `dt` [s]; a goal that is not finite leaves the hand's last one.
 
         Raises InputError for less than 0 or more than 10 s.
         """
@@ -212,7 +212,7 @@ class SimulatedCoilArray(CoilSimulation):
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor, and the tool's true pose as the tracker's word.
+        """One reading of every sensor, with the tool's true pose as the tracker's output.
 
         Raises DriverError where the simulation has left the numbers.
         """
@@ -235,17 +235,17 @@ class SimulatedCoilArray(CoilSimulation):
         return self._wrench.copy()
 
     def state(self) -> State:
-        """The tool as it really is."""
+        """True state of the tool."""
         return read_tool(self._tool, self._t)
 
     @property
     def depth(self) -> float:
-        """How far the surface gives way under the tool just now [m]; 0: no contact."""
+        """Present deflection of the surface under the tool [m]; 0: no contact."""
         return float(self._state["depth"][0])
 
 
 def lift(p: Array, contact: float, is_dome: bool) -> Array:
-    """(3,) `p` (3,) [m] itself, or the place over it where the tool's origin is in contact, `contact` [m] up or out.
+    """(3,) `p` (3,) [m], or the point above it where the tool's origin is in contact, `contact` [m] up or out.
 
     >>> lift(np.array([0.0, 0.0, 0.01]), 0.05, True).tolist()
     [0.0, 0.0, 0.05]
@@ -260,7 +260,7 @@ def lift(p: Array, contact: float, is_dome: bool) -> Array:
 
 
 def quantise_reading(values: Array, step: float) -> Array:
-    """(m,) `values` (m,) in whole steps of a converter, of the same unit; a step of 0 changes nothing.
+    """(m,) `values` (m,) rounded to steps of a converter, in the same unit; a step of 0 is an ideal one.
 
     >>> quantise_reading(np.array([0.26]), 0.1).round(3).tolist()
     [0.3]

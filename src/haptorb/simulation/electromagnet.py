@@ -1,4 +1,4 @@
-"""A spherical electromagnet, its tool and a hand, simulated: what the driver of a real one would meet.
+"""Simulation of a spherical electromagnet with its tool and a hand, behind the driver interface.
 
 The truth is not the controller's model: coils, core and magnet are those of one built device (`built_electromagnet`),
 eddy currents delay the core, some of its moment stays, and it saturates, coils have inductance and warm up, the moving
@@ -75,31 +75,31 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The simulated core: a part of its moment lags behind the currents, a part stays when they are gone, and it saturates.
+# Simulated core: eddy-current lag, remanence with hysteresis, and saturation of its moment.
 #
-# A ball of permeability µ has the moment 3V/µ0 (µ − 1)/(µ + 2) B. Where its magnetisation M comes near saturation M_s,
+# A ball of permeability µ has the moment 3V/µ0 (µ − 1)/(µ + 2) B. As its magnetisation M approaches saturation M_s,
 # µ − 1 falls as 1 − |M|/M_s (Fröhlich and Kennelly: M = χH/(1 + χH/M_s)), and the moment by 3/(µ − 1) |M|/(M_s − |M|),
-# relative: next to nothing below half of M_s, as a ball magnetises against its own field.
+# relative: negligible below half of M_s, because of the demagnetising field of a ball.
 
 
-_FULLEST = 0.9  #: share of saturation up to which that is followed
+_MAX_SATURATION_SHARE = 0.9  #: share of saturation up to which the model is evaluated
 
-#: How the core departs from one that follows the currents at once.
+#: Departure of the core from an ideal one without lag, remanence and saturation.
 CORE = fields(
-    ("share", "f8"),  # of the moment that lags
-    ("time", "f8"),  # constant of the lag [s]
-    ("remanent", "f8"),  # moment that stays along an axis [A·m²]
-    ("reversing", "f8"),  # change of the moment that reduces the remanence from full to zero [A·m²]
-    ("saturation", "f8"),  # greatest moment [A·m²]
+    ("share", "f8"),  # lagging share of the moment
+    ("time", "f8"),  # time constant of the lag [s]
+    ("remanent", "f8"),  # remanent moment along an axis [A·m²]
+    ("reversing", "f8"),  # change of the moment that reduces the remanence from maximum to zero [A·m²]
+    ("saturation", "f8"),  # saturation moment [A·m²]
     ("softness", "f8"),  # 3/(µ − 1)
-    ("lagging", "f8", (3,)),  # the moment through the lag [A·m²]
-    ("play", "f8", (3,)),  # the moment through the play [A·m²]
-    ("extra", "f8", (3,)),  # moment beside that of the currents [A·m²]
+    ("lagging", "f8", (3,)),  # moment after the first-order lag [A·m²]
+    ("play", "f8", (3,)),  # moment after the hysteresis (play) operator [A·m²]
+    ("extra", "f8", (3,)),  # moment in addition to that of the currents [A·m²]
 )
 
 
 def make_core(dynamics: CoreDynamics, core: SoftSphere | None = None, saturation: float = np.inf) -> Records:
-    """(1,) CORE without any history; `core` saturates at the flux density `saturation` [T]."""
+    """(1,) CORE in the initial, demagnetised state; `core` saturates at the flux density `saturation` [T]."""
     made = np.zeros(1, dtype=CORE)
     made["saturation"] = np.inf
     if core is not None:
@@ -112,7 +112,7 @@ def make_core(dynamics: CoreDynamics, core: SoftSphere | None = None, saturation
 
 @kernel
 def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float) -> None:
-    """Advance a CORE by `dt` [s], in which the mean currents of `coils` (m,) flow.
+    """Advance a CORE by `dt` [s] under the mean currents of `coils` (m,).
 
     moment_per_current (6, m) [m²]: of coils and core together, and below that of the core alone, which saturates.
     """
@@ -127,7 +127,7 @@ def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float
         core.play[a] = max(moment - core.reversing, min(moment + core.reversing, core.play[a]))
         stays = core.remanent * (core.play[a] - moment) / core.reversing
         core.extra[a] = stays - core.share * (moment - core.lagging[a])
-    full = min(np.sqrt(square) / core.saturation, _FULLEST)
+    full = min(np.sqrt(square) / core.saturation, _MAX_SATURATION_SHARE)
     lost = core.softness * full / (1.0 - full)
     for a in range(3):
         for k in range(coils.size):
@@ -135,17 +135,16 @@ def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float
 
 
 # --------------------------------------------------------------------------------------------------
-# What the sensors of a spherical electromagnet read: currents, coil boundaries, and the field at nine places.
+# Sensor readings of a spherical electromagnet: currents, coil boundaries, and the field at nine positions.
 #
-# The field at a Hall sensor is that of coils and core (`coil_fields`), of the dipole that eddy currents delay and that
-# stays in the core, of the tool's ring as charges on its faces, and of what the core answers
-# to the ring, where the sensor really is. What the sensor makes of it is `simulation.parts.hall`'s; every reading has
-# normal noise and its converter's step.
+# The field at a Hall sensor is that of coils and core (`coil_fields`), of the dipole of eddy currents and remanence,
+# of the tool's ring as charges on its faces, and of the core's response to the ring, at the sensor's true position.
+# `simulation.parts.hall` models the sensor itself; every reading has normal noise and its converter's step.
 
 
-#: How good the sensors of currents and temperatures are: standard deviation and step; the generator of all noise.
+#: Accuracy of the current and temperature sensors, standard deviation and step; generator of all noise.
 SENSES = fields(
-    ("warming", "f8"),  # rise of the field sensors' temperature as a share of the coils' at their boundary
+    ("warming", "f8"),  # temperature rise of the field sensors relative to that of the coils at their boundary
     ("current_noise", "f8"),  # [A]
     ("current_step", "f8"),  # [A]
     ("heat_noise", "f8"),  # [K]
@@ -155,24 +154,24 @@ SENSES = fields(
 
 
 class Magnets(NamedTuple):
-    """Where fields come from, and where they are read; places are seen from the core's centre."""
+    """Field sources and sensor positions, relative to the core's centre."""
 
     ring: Array  #: (4, n) charges of the tool's magnet, mover frame [m, A·m]
-    coarse: Array  #: (4, n') the same magnet with fewer charges: enough for what the core answers
+    coarse: Array  #: (4, n') the same magnet with fewer charges: sufficient for the core's response
     core_radius: float  #: [m]
-    response: Array  #: (L,) the core's answer by degree
+    response: Array  #: (L,) the core's response by degree
     per_moment: Array  #: (3 k, 3) field of a moment in the core at the sensors [T/(A·m²)]
     per_ampere: Array  #: (3 k, m) field of coils and core at the sensors [T/A]
-    sensors: Array  #: (k, 3) where they really are [m]
+    sensors: Array  #: (k, 3) true positions [m]
     core: Array  #: (1, 3) its centre, stator frame [m]
-    stretch: Array  #: (3, 3) moment of the core per field, beside that of a ball [A·m²/T]
-    constant: Array  #: (k, 3) field at the sensors of what does not change [T]
-    steel: Array  #: (1, 4) place of a steel object [m], and its moment per field [A·m²/T]
+    stretch: Array  #: (3, 3) moment of the core per field minus that of a ball [A·m²/T]
+    constant: Array  #: (k, 3) constant field at the sensors [T]
+    steel: Array  #: (1, 4) position of a steel object [m], and its moment per field [A·m²/T]
     per_steel: Array  #: (3 k, 3) field of a moment there at the sensors [T/(A·m²)]
 
 
 def pack_magnets(magnets: Magnets) -> Array:
-    """(n,) `magnets` as compiled code takes them, each number in the unit [..] of its field."""
+    """(n,) `magnets` packed for compiled code, each number in the unit [..] of its field."""
     m = magnets
     return pack(
         (m.core_radius,), m.ring, m.coarse, m.response, m.per_moment, m.per_ampere, m.sensors, m.core, m.stretch,
@@ -232,7 +231,7 @@ def _fill_field(magnets: Magnets, coils: Records, extra: Array, R: Array, p: Arr
 
 @kernel
 def _is_finite(tool: Record) -> bool:
-    """Whether pose and motion of a TOOL are numbers."""
+    """Whether pose and motion of a TOOL are finite."""
     total = tool.q[3]
     for i in range(3):
         total += tool.p[i] + tool.q[i] + tool.v[i] + tool.w[i]
@@ -243,7 +242,8 @@ def _is_finite(tool: Record) -> bool:
 def sense(
     electromagnet: Records, coils: Records, halls: Records, magnets: Array, pose: Array, read: Array, field: Array
 ) -> bool:
-    """One reading of each sensor, and the tool's true pose; False, and nothing read, if the tool is nowhere.
+    """One reading of each sensor, and the tool's true pose; False, without a reading, if the tool's state is not
+    finite.
 
     electromagnet (1,) ELECTROMAGNET, coils (m,) COIL, halls (k,) HALL, magnets as `pack_magnets` made them; pose (6, 3)
     becomes R, p, v and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
@@ -268,19 +268,19 @@ def sense(
 
 
 # --------------------------------------------------------------------------------------------------
-# How the simulated coils heat each other: not quite as in the device file, and the controller does not know.
+# Thermal network of the simulated coils: values differ from those of the device file and the controller.
 #
-# Every capacity and conductance is off by itself, within the file's tolerance, and a little heat leaves the core
-# through the stand, which the file's network does not have.
+# Every capacity and conductance has its own error within the file's tolerance, and a small heat flow leaves the core
+# through the stand, which the file's network does not model.
 
 
 COILS = 3
 NODES = 2 * COILS + 1  #: windings, bodies, and a core, which uncoupled coils do not warm
-_STAND = 0.05  #: conductance of the stand, as a share of that of all bodies to the air
+_STAND_CONDUCTANCE = 0.05  #: conductance of the stand, relative to that of all bodies to the air
 
 
 def draw_network(device: Device, specimen: int = 0) -> ThermalNetwork:
-    """A network that a `specimen` of `device` could have by its file; the file's own if its values are exact.
+    """Network of a `specimen` of `device` within its tolerances; the file's own if its values are exact.
 
     Of one file and number it is always the same: noise changes from run to run, coils do not.
     """
@@ -295,12 +295,12 @@ def draw_network(device: Device, specimen: int = 0) -> ThermalNetwork:
     between = np.triu(spread(network.exchange))
     to_air = spread(network.to_air)
     if heat.coupling is not None:
-        to_air[-1] = _STAND * to_air.sum()
+        to_air[-1] = _STAND_CONDUCTANCE * to_air.sum()
     return replace(network, capacity=spread(network.capacity), exchange=between + between.T, to_air=to_air)
 
 
 def fill_step(network: ThermalNetwork, dt: float, out: Array) -> None:
-    """`out` (7, 10) becomes the network's step over `dt` [s]; a core that is not there keeps its temperature."""
+    """`out` (7, 10) becomes the network's step over `dt` [s]; without a core its temperature is constant."""
     step, n = network.step(dt), network.nodes
     out[:] = 0.0
     out[-1, NODES - 1] = 1.0
@@ -308,37 +308,37 @@ def fill_step(network: ThermalNetwork, dt: float, out: Array) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# An electromagnet's physics in compiled code: some steps of coils, core, tool, dome and hand.
+# Physics of an electromagnet in compiled code: steps of coils, core, tool, dome and hand.
 
 
-_APART = 4  #: steps between two computed maps, at least
+_MIN_MAP_STEPS = 4  #: minimum number of steps between two maps
 
-#: All that a simulated electromagnet remembers but its coils and its map, and the numbers that it goes by.
+#: State and settings of a simulated electromagnet except its coils and its map.
 ELECTROMAGNET = fields(
     ("tool", TOOL),
     ("senses", SENSES),
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
     ("heat", "f8", (NODES, NODES + COILS)),  # `ThermalNetwork.step` of a step
-    ("core_temperature", "f8"),  # temperature of what lies between the coils [K]
+    ("core_temperature", "f8"),  # temperature of the core between the coils [K]
     ("core", CORE),
     ("wrench", "f8", (6,)),  # of coils and core on the tool, mean of the last call [N, N·m]
-    ("depth", "f8"),  # how far the dome gives way under the tool [m]
+    ("depth", "f8"),  # deflection of the dome under the tool [m]
     ("age", "i8"),  # of the newest map [steps]
 )
-#: Rows of a held map: R (3) and p, passive, per current (6), per moment in the core (6).
+#: Rows of a stored map: R (3) and p, passive, per current (6), per moment in the core (6).
 _HELD = 17
 
 
 @kernel
 def _is_map_old(electromagnet: Records, held: Array, pose: Array) -> bool:
-    """Whether a map is wanted at `pose` (4, 3), which becomes R above p: the newest of `held` is old, and the tool has
-    moved."""
+    """Whether a new map is needed at `pose` (4, 3), which becomes R above p: the newest of `held` is old, and the tool
+    has moved."""
     e = electromagnet[0]
     matrix(e.tool.q[:], pose[:3])
     for i in range(3):
         pose[3, i] = e.tool.p[i]
-    return bool(e.age >= _APART and is_elsewhere(held[0], pose[:3], e.tool.p))
+    return bool(e.age >= _MIN_MAP_STEPS and is_elsewhere(held[0], pose[:3], e.tool.p))
 
 
 @kernel
@@ -346,7 +346,7 @@ def advance(
     electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, moment_per_current: Array,
     held: Array, first: int, steps: int,
 ) -> None:  # fmt: skip
-    """Some steps of coils, core, tool, dome and hand: `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL advance.
+    """Advance `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL by several steps of the whole simulation.
 
     steps: of the call's, after the `first` of them.
 
@@ -375,7 +375,7 @@ def advance(
                 per_current[i, k] = newest[5 + i, k] + share * change[5 + i, k]
             for k in range(3):
                 per_moment[i, k] = newest[11 + i, k] + share * change[11 + i, k]
-        for k in range(count):  # the power that leaves the coil's circuit is the power that the tool gets
+        for k in range(count):  # the power that leaves the coil's circuit equals the power delivered to the tool
             emf = 0.0
             for i in range(3):
                 emf += per_current[i, k] * tool.v[i]
@@ -396,9 +396,9 @@ def advance(
         move(tool, R, turn, total, dt)
 
 
-_OLD = 1_000_000  #: age of a map at which it is computed again [steps]
-_ABOVE = 12e-3  #: the tool starts this far above contact [m]
-_SHORTEST = 5e-6  #: a simulation with finer steps than this is slower than time [s]
+_INITIAL_MAP_AGE = 1_000_000  #: initial age, so that the map is computed at the first step [steps]
+_INITIAL_HEIGHT_M = 12e-3  #: initial height of the tool above contact [m]
+_MIN_STEP_S = 5e-6  #: minimum step: with finer ones a simulation is slower than real time [s]
 
 
 @final
@@ -436,7 +436,7 @@ class SimulatedElectromagnet(CoilSimulation):
             raise InputError(f"step of the simulation must be above 0 and at most 1 ms; got {step} s")
         self.device: SphericalElectromagnet = device
         self._specimen = specimen = seed if specimen is None else specimen
-        seed_noise(specimen)  # refuses what is no number of a device
+        seed_noise(specimen)  # rejects an invalid specimen number
         super().__init__(np.zeros(1, dtype=ELECTROMAGNET), cold_coils(device), step, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
         self._tool, self._senses = self._state["tool"], self._state["senses"]
@@ -449,8 +449,8 @@ class SimulatedElectromagnet(CoilSimulation):
         self._longest = min(float(step), _longest_step(self._tool[0], device.name))
         tool, hall = device.tool, device.hall
         built = draw_electromagnet(device, specimen, steel)
-        self.built: BuiltElectromagnet = built  #: what the controller approximates
-        self.ring = built.ring  #: the tool's magnet as the simulation has it
+        self.built: BuiltElectromagnet = built  #: the true device, which the controller's model approximates
+        self.ring = built.ring  #: the tool's magnet in the simulation
         closest = max(device.dome_radius - tool.length / 2, 1.1 * built.core.radius)
         self._truth = built.compute_map(device.dome_radius)
         self._per_ampere = np.vstack([built.compute_moments(), built.compute_core_moments()])
@@ -492,7 +492,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
-        """Cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
+        """Reset: cold coils without currents, the tool at rest 12 mm above the dome's summit, noise from `seed`."""
         self._senses["generator"] = seed_noise(seed)
         self._coils = cold_coils(self.device)
         self._heat, self._last_dt = draw_network(self.device, self._specimen), 0.0
@@ -502,15 +502,15 @@ class SimulatedElectromagnet(CoilSimulation):
             self._state["core"][name] = 0.0
         self._held = np.full((2, _HELD, 6), np.nan)
         self._t = 0.0
-        self.place((0.0, 0.0, self.device.contact_distance + _ABOVE), (0.0, 0.0, 0.0, 1.0))
+        self.place((0.0, 0.0, self.device.contact_distance + _INITIAL_HEIGHT_M), (0.0, 0.0, 0.0, 1.0))
 
     def cool(self) -> None:
-        """Coils at the ambient temperature at once; currents continue."""
+        """Set the coils to the ambient temperature; currents do not change."""
         super().cool()
         self._state["core_temperature"] = self.device.coils.heat.ambient
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; nearer than contact is lifted to contact.
+        """Place the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below contact it is raised to contact.
 
         Raises InputError for the centre, and for what is no quaternion.
         """
@@ -525,33 +525,33 @@ class SimulatedElectromagnet(CoilSimulation):
         tool["q"] = turned / np.linalg.norm(turned)
         tool["v"] = tool["w"] = 0.0
         tool["goal"], tool["goal_q"] = at, tool["q"]
-        self._state["age"] = _OLD
+        self._state["age"] = _INITIAL_MAP_AGE
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
-        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`)."""
+        """Make field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`)."""
         let_fail(self._halls, sensors, kind)
 
     def _fill_heat(self, dt: float) -> None:
         fill_step(self._heat, dt, self._state["heat"][0])
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
+        """Advance by `dt` [s]; a goal that is not finite leaves the hand's last one.
 
         Raises InputError for less than 0 or more than 10 s.
         """
         if self._set_steps(dt):
             whole = int(self._state["steps"][0])
-            for first in range(0, whole, _APART):
+            for first in range(0, whole, _MIN_MAP_STEPS):
                 if _is_map_old(self._state, self._held, self._pose):
                     self._renew()
                 advance(
                     self._state, self._coils, duties, goal_p, goal_q, self._per_ampere, self._held, first,
-                    min(_APART, whole - first),
+                    min(_MIN_MAP_STEPS, whole - first),
                 )  # fmt: skip
             self._t += dt
 
     def _renew(self) -> None:
-        """The map where the tool is becomes the newest."""
+        """Compute the map at the tool's pose as the newest one."""
         newest, change = self._held
         matrix, passive, per_moment = self._map
         fill_truth(self._truth, self._pose[:3], self._pose[3], matrix, passive, per_moment)
@@ -559,12 +559,12 @@ class SimulatedElectromagnet(CoilSimulation):
         newest[:4, :3], newest[4] = self._pose, passive
         newest[5:11, : matrix.shape[1]], newest[11:, :3] = matrix, per_moment
         change += newest
-        if not np.isfinite(change[3, 0]):  # the first
+        if not np.isfinite(change[3, 0]):  # the first map
             change[:] = 0.0
         self._state["age"] = 0
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor, and the tool's true pose as the tracker's word.
+        """One reading of every sensor, with the tool's true pose as the tracker's output.
 
         Raises DriverError where the simulation has left the numbers.
         """
@@ -584,41 +584,41 @@ class SimulatedElectromagnet(CoilSimulation):
         return self._wrench.copy()
 
     def state(self) -> State:
-        """The tool as it really is."""
+        """True state of the tool."""
         return read_tool(self._tool, self._t)
 
     @property
     def boundary(self) -> Array:
-        """(m,) the coil bodies' true temperatures [K]."""
+        """(m,) true temperatures of the coil bodies [K]."""
         boundary: Array = self._coils["body"].copy()
         return boundary
 
     @property
     def core(self) -> float:
-        """The true temperature of what lies between the coils [K]."""
+        """True temperature of the core between the coils [K]."""
         return float(self._state["core_temperature"][0])
 
     @property
     def depth(self) -> float:
-        """How far the dome gives way under the tool just now [m]; 0: no contact."""
+        """Present deflection of the dome under the tool [m]; 0: no contact."""
         return float(self._state["depth"][0])
 
     @property
     def energy(self) -> float:
-        """Kinetic energy of the tool, with the hand's mass that moves along [J]."""
+        """Kinetic energy of tool and effective hand mass [J]."""
         state, tool = self.state(), self._tool[0]
         w = state.R_SR.T @ state.w
         return float(0.5 * tool["mass"] * (state.v @ state.v) + 0.5 * (tool["inertia"] @ w**2))
 
 
 def _longest_step(tool: Record, name: str) -> float:
-    """The step [s] that still follows a TOOL on the dome's spring: half a radian of its fastest oscillation."""
+    """Maximum step [s] for a TOOL on the dome's spring: half a radian of its fastest oscillation."""
     stiffness, arm = float(tool["dome"]["stiffness"]), max(tool["tip"], tool["tail"])
     yielding = float(1 / tool["mass"] + arm * arm / min(tool["inertia"][:2]))
     longest = 0.5 / (stiffness * yielding) ** 0.5 if stiffness > 0.0 else 1.0
-    if longest < _SHORTEST:
+    if longest < _MIN_STEP_S:
         raise InputError(
             f"device '{name}': a dome of {stiffness:.3g} N/m under such a light tool needs steps of "
-            f"{longest * 1e6:.2g} µs, below {_SHORTEST * 1e6:.0f} µs; soften the dome or make the tool heavier"
+            f"{longest * 1e6:.2g} µs, below {_MIN_STEP_S * 1e6:.0f} µs; soften the dome or make the tool heavier"
         )
     return longest

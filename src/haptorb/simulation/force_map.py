@@ -1,4 +1,4 @@
-"""The force map: radial force that the device would give at many positions, limits included.
+"""Force map: radial force of the device at many positions, limits included.
 
 This is not the map that the world defines. The world's wrench goes through the controller model, the allocation and
 the current limits; the resulting force is that of the exact magnets and the core's own pull.

@@ -1,4 +1,4 @@
-"""The simulated hand: guided motion, paths that a program commands, a hand at rest, and a person who leads the tool."""
+"""Simulated hand: guided motion, commanded paths, a hand at rest, and a user who moves the tool."""
 
 from __future__ import annotations
 
@@ -44,31 +44,31 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The guided motion: the hand's motion while the pointer is not held, so that a first look shows something.
+# Guided motion: default motion of the hand while the pointer is not in use, as a demonstration.
 #
-# Twelve seconds over the dome and four of leaning on it near the summit; then the hand goes to the dome's edge and
-# rests there, touching, where next to no force is asked of it: left alone, the coils never grow too warm. A pure
-# function of time: two runs see the same hand.
+# Twelve seconds over the dome and four of leaning on it near the summit; then the hand moves to the dome's edge and
+# rests there in contact, where almost no force is commanded: unattended, the coils do not overheat. A pure function of
+# time: two runs have the same hand motion.
 
 
-DURATION = 20.0  #: after this the hand rests [s]
+DURATION = 20.0  #: end of the motion [s]
 
-_HIGH = 0.062  #: distance of the tool's magnet from the device's centre before touching down [m]
-_PRESSED = 0.048  #: while pressing [m]: 2 mm below contact, so that a soft hand leans on the dome
-_TOUCHING = 0.0505  #: at rest [m]
-_STILL = 12.0  #: from here the hand leans on the dome without moving along it [s]
-_LEAVE = 16.0  #: from here it goes to the edge [s]
-_LANDING = math.radians(30.0)  #: tilt at touch-down [rad]
-_CIRCLE = math.radians(18.0)  #: tilt of the circle around the summit [rad]
-_GUIDED_MOTION_LEAN = math.radians(10.0)  #: tilt of leaning near the summit, on the far side [rad]
-_EDGE = math.radians(58.0)  #: tilt at rest, on the near side [rad]
-_BEARING = math.radians(-60.0)  #: meridian of the slide [rad]
-_GUIDED_MOTION_TURN = 2 * math.pi  #: once around
+_APPROACH_DISTANCE_M = 0.062  #: distance of the tool's magnet from the device's centre before touching down [m]
+_PRESSED_DISTANCE_M = 0.048  #: while pressing [m]: 2 mm below contact, so that a compliant hand leans on the dome
+_REST_DISTANCE_M = 0.0505  #: at rest [m]
+_LEAN_TIME_S = 12.0  #: from here the hand leans on the dome without moving along it [s]
+_LEAVE_TIME_S = 16.0  #: from here it moves to the edge [s]
+_LANDING_TILT = math.radians(30.0)  #: tilt at touch-down [rad]
+_CIRCLE_TILT = math.radians(18.0)  #: tilt of the circle around the summit [rad]
+_GUIDED_MOTION_LEAN = math.radians(10.0)  #: tilt near the summit, on the far side [rad]
+_REST_TILT = math.radians(58.0)  #: tilt at rest, on the near side [rad]
+_BEARING = math.radians(-60.0)  #: azimuth of the slide [rad]
+_GUIDED_MOTION_TURN = 2 * math.pi  #: one full turn
 
 
 @kernel
 def _smooth(t: float, start: float, end: float) -> float:
-    """0 before `start`, 1 after `end`, between them the path of least jerk (Flash and Hogan 1985): a hand's."""
+    """0 before `start`, 1 after `end`, minimum-jerk trajectory between (Flash and Hogan 1985)."""
     s = min(max((t - start) / (end - start), 0.0), 1.0)
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
@@ -77,13 +77,17 @@ def _smooth(t: float, start: float, end: float) -> float:
 def _position(t: float, p: Array) -> None:
     # A signed tilt along one meridian passes the summit without a turn of the hand.
     tilt = (
-        _LANDING
-        - (_LANDING + _CIRCLE) * _smooth(t, 1.5, 5.0)  # over the summit to the far side
-        + (_CIRCLE - _GUIDED_MOTION_LEAN) * _smooth(t, 10.5, _STILL)
-        + (_GUIDED_MOTION_LEAN + _EDGE) * _smooth(t, _LEAVE, DURATION)
+        _LANDING_TILT
+        - (_LANDING_TILT + _CIRCLE_TILT) * _smooth(t, 1.5, 5.0)  # across the summit to the far side
+        + (_CIRCLE_TILT - _GUIDED_MOTION_LEAN) * _smooth(t, 10.5, _LEAN_TIME_S)
+        + (_GUIDED_MOTION_LEAN + _REST_TILT) * _smooth(t, _LEAVE_TIME_S, DURATION)
     )
     bearing = _BEARING + _GUIDED_MOTION_TURN * _smooth(t, 5.0, 10.5)
-    d = _HIGH + (_PRESSED - _HIGH) * _smooth(t, 0.0, 1.5) + (_TOUCHING - _PRESSED) * _smooth(t, _LEAVE, DURATION)
+    d = (
+        _APPROACH_DISTANCE_M
+        + (_PRESSED_DISTANCE_M - _APPROACH_DISTANCE_M) * _smooth(t, 0.0, 1.5)
+        + (_REST_DISTANCE_M - _PRESSED_DISTANCE_M) * _smooth(t, _LEAVE_TIME_S, DURATION)
+    )
     s = d * math.sin(tilt)
     p[0], p[1], p[2] = s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)
 
@@ -91,7 +95,7 @@ def _position(t: float, p: Array) -> None:
 def _turn_upright(p: Array, q: Array) -> None:
     x, y, z = p[0], p[1], p[2]
     length = math.sqrt(x * x + y * y + z * z)
-    if length < 1e-12 or z <= -length * (1 - 1e-12):  # no direction, or no shortest way to it
+    if length < 1e-12 or z <= -length * (1 - 1e-12):  # no direction, or no unique shortest rotation
         q[0], q[1], q[2], q[3] = 1.0, 0.0, 0.0, 0.0
         return
     w = length + z
@@ -100,7 +104,7 @@ def _turn_upright(p: Array, q: Array) -> None:
 
 
 def position_on_path(t: float) -> Array:
-    """(3,) [m] where the hand wants the tool's magnet at time `t` [s], frame S; the summit is +z.
+    """(3,) [m] goal of the hand for the tool's magnet at time `t` [s], frame S; the summit is +z.
 
     >>> round(1e3 * float(np.linalg.norm(position_on_path(20.0))), 3)
     50.5
@@ -111,13 +115,14 @@ def position_on_path(t: float) -> Array:
 
 
 def upright_quaternion(p: Array) -> Array:
-    """(4,) the quaternion (x, y, z, w) that turns the tool's z axis to the direction of `p` (3,) by the shortest way.
+    """(4,) quaternion (x, y, z, w) of the shortest rotation from the tool's z axis to the direction of `p` (3,).
 
     >>> upright_quaternion(np.array([0.0, -0.05, 0.0])).round(3).tolist()
     [0.707, 0.0, 0.0, 0.707]
     """
     q = np.empty(4)
-    # Not the compiled one: a host says it while its heart beats, and compiling holds up all of its threads for seconds.
+    # Not the compiled version: a host needs it while it sends heartbeats, and compiling blocks all its threads for
+    # seconds.
     _turn_upright(p, q)
     return q
 
@@ -140,14 +145,14 @@ def upright_quaternions(places: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# The hand's motion while the pointer is not held: a path for each kind of device, and the way back to its end.
+# Motion of the hand while the pointer is not in use: a path for each kind of device, and the return to its end.
 
 
 class GuidedMotion(ABC):
-    """A motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
+    """Motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
 
     duration: float
-    relaxes = True  #: whether the hand gives way to what pushes it when the motion is over
+    relaxes = True  #: whether the hand yields to a load after the motion
 
     @abstractmethod
     def at(self, t: float) -> tuple[Array, Array]:
@@ -161,23 +166,23 @@ class GuidedMotion(ABC):
 
 @final
 class DomeMotion(GuidedMotion):
-    """A stylus slides over the dome and circles its summit: see `guide_calibration`."""
+    """Stylus that slides over the dome and circles its summit: see `guide_calibration`."""
 
     duration = DURATION
 
     def __init__(self) -> None:
         self._rest = position_on_path(DURATION)
-        self.pose_on_return(
-            self._rest, upright_quaternion(self._rest), 1.0
-        )  # compiled now, not when a hand releases it
+        # Compiled at construction, not at the release.
+        self.pose_on_return(self._rest, upright_quaternion(self._rest), 1.0)
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """(3,) the tool's magnet [m] and (4,) its turn as a quaternion (x, y, z, w), axis radial."""
+        """(3,) position of the tool's magnet [m] and (4,) quaternion (x, y, z, w), axis radial."""
         p = position_on_path(t)
         return p, upright_quaternion(p)
 
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """(3,) position [m] on the way from `p` (3,) [m] along the sphere, not through the device, and (4,) quaternion.
+        """(3,) position [m] on the path from `p` (3,) [m] along the sphere, not through the device, and (4,)
+        quaternion.
 
         The axis is radial all the way, however it was released: `q` (4,) is ignored.
         """
@@ -192,10 +197,10 @@ def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
     r1 = np.sqrt(rest[0] ** 2 + rest[1] ** 2 + rest[2] ** 2)
     for i in range(3):
         p[i] = rest[i] / r1
-        if r0 >= 1e-6:  # a hand inside the device has no direction; from there it goes straight
+        if r0 >= 1e-6:  # a hand inside the device has no direction; from there the path is straight
             p[i] = (1.0 - s) * start[i] / r0 + s * p[i]
     length = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
-    if length < 1e-6:  # exactly opposite: no way is the shortest
+    if length < 1e-6:  # antipodal: no unique shortest path
         for i in range(3):
             p[i] = rest[i] / r1
         length = 1.0
@@ -206,7 +211,7 @@ def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
 @device_function
 @singledispatch
 def guide_hand(device: Device) -> GuidedMotion:
-    """The guided motion of the hand that holds the mover of `device`, by its kind; by default the hand rests."""
+    """Guided motion of the hand on the mover of `device`, by its kind; by default the hand rests."""
     return AtRest(device)
 
 
@@ -217,7 +222,7 @@ def _(device: SphericalElectromagnet) -> DomeMotion:
 
 @final
 class AtRest(GuidedMotion):
-    """A hand that holds the mover where it rests: for devices of which no better motion is known."""
+    """Hand at rest on the mover: for devices without a motion of their own."""
 
     duration = 0.0
 
@@ -226,11 +231,11 @@ class AtRest(GuidedMotion):
         self._upright = np.array([0.0, 0.0, 0.0, 1.0])
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """Always the same: (3,) the device's place of rest [m], and (4,) no turn."""
+        """Constant: (3,) the device's rest position [m], and (4,) the identity."""
         return self._rest, self._upright
 
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """From `p` (3,) [m] straight back, and from `q` (4,) the short way, (3,) and (4,)."""
+        """Straight from `p` (3,) [m], and from `q` (4,) by the shortest rotation, (3,) and (4,)."""
         upright = self._upright if q[3] >= 0.0 else -self._upright
         turned = (1.0 - share) * q + share * upright
         length = float(turned @ turned) ** 0.5
@@ -238,16 +243,16 @@ class AtRest(GuidedMotion):
 
 
 # --------------------------------------------------------------------------------------------------
-# The guided motion of a motor's handle: the plug is pulled out of its outlet, put back, and wriggled.
+# Guided motion of a motor's handle: the plug is pulled out of its outlet, inserted, and wiggled.
 #
 # Eighteen seconds in the translating mode, where a tilt λ moves the plug out, ψ moves it sideways. Forty degrees of
-# tilt are the plug's whole way with the gains of `assembly`. At rest the plug is out, which asks nothing of the coils.
+# tilt are the plug's full travel with the gains of `assembly`. At rest the plug is out, without a commanded wrench.
 
 
-_HOME = math.radians(-20.0)  #: λ where the plug is home
-_OUT = math.radians(20.0)  #: λ where it is out
-_HALF = math.radians(-13.0)  #: λ of the wriggle: a little pulled
-_ASIDE = math.radians(6.0)  #: ψ of the wriggle
+_INSERTED_TILT = math.radians(-20.0)  #: λ with the plug inserted
+_REMOVED_TILT = math.radians(20.0)  #: λ with the plug out
+_HALF = math.radians(-13.0)  #: λ while wiggling: slightly pulled
+_ASIDE = math.radians(6.0)  #: ψ amplitude while wiggling
 _NOWHERE = np.zeros(3)
 
 
@@ -264,18 +269,18 @@ def _fill_quaternion(psi: float, lam: float, phi: float, q: Array) -> None:
 @kernel
 def _handle(t: float, q: Array) -> None:
     lam = (
-        _HOME
-        + (_OUT - _HOME) * _smooth(t, 1.0, 5.0)  # out
-        + (_HOME - _OUT) * _smooth(t, 5.5, 9.0)  # and back in
-        + (_HALF - _HOME) * _smooth(t, 9.5, 11.0)
-        + (_OUT - _HALF) * _smooth(t, 15.0, 18.0)
+        _INSERTED_TILT
+        + (_REMOVED_TILT - _INSERTED_TILT) * _smooth(t, 1.0, 5.0)  # out
+        + (_INSERTED_TILT - _REMOVED_TILT) * _smooth(t, 5.5, 9.0)  # and in again
+        + (_HALF - _INSERTED_TILT) * _smooth(t, 9.5, 11.0)
+        + (_REMOVED_TILT - _HALF) * _smooth(t, 15.0, 18.0)
     )
     psi = _ASIDE * (_smooth(t, 11.0, 12.0) - 2.0 * _smooth(t, 12.0, 13.5) + _smooth(t, 13.5, 15.0))
     _fill_quaternion(psi, lam, 0.0, q)
 
 
 def handle_quaternion(psi: float, lam: float, phi: float) -> Array:
-    """(4,) the quaternion (x, y, z, w) of R = Rx(ψ) Ry(λ) Rz(φ), angles in [rad].
+    """(4,) quaternion (x, y, z, w) of R = Rx(ψ) Ry(λ) Rz(φ), angles in [rad].
 
     >>> handle_quaternion(0.0, 0.0, np.pi).round(12).tolist()
     [0.0, 0.0, 1.0, 0.0]
@@ -300,7 +305,7 @@ def handle_quaternions(angles: Array) -> Array:
 
 @final
 class HandleMotion(GuidedMotion):
-    """A hand on the handle of a motor."""
+    """Hand on the handle of a motor."""
 
     duration = 18.0
 
@@ -308,7 +313,7 @@ class HandleMotion(GuidedMotion):
         self._rest = self.at(self.duration)[1]
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """No position, (3,) zeros [m]; how the handle is turned, (4,) quaternion (x, y, z, w).
+        """No position, (3,) zeros [m]; orientation of the handle, (4,) quaternion (x, y, z, w).
 
         >>> HandleMotion().at(0.0)[1].round(4).tolist()
         [0.0, -0.1736, 0.0, 0.9848]
@@ -318,7 +323,7 @@ class HandleMotion(GuidedMotion):
         return _NOWHERE, q
 
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """No position, (3,) zeros [m], for any `p` (3,); turned from `q` (4,) the short way, (4,) quaternion."""
+        """No position, (3,) zeros [m], for any `p` (3,); from `q` (4,) by the shortest rotation, (4,) quaternion."""
         rest = self._rest if float(q @ self._rest) >= 0.0 else -self._rest
         way = (1.0 - share) * q + share * rest
         length = float(way @ way) ** 0.5
@@ -331,19 +336,19 @@ def _(device: SphericalMotor) -> HandleMotion:
 
 
 # --------------------------------------------------------------------------------------------------
-# The pose or path at which a program wants the hand, checked before the loop receives it.
+# Pose or path of the hand commanded by a program, checked before the loop receives it.
 
 
-#: (3,) place [m] and (4,) quaternion (x, y, z, w)
+#: (3,) position [m] and (4,) quaternion (x, y, z, w)
 HandPose: TypeAlias = tuple[Array, Array]
-#: a path that a program computes: a pose from the time [s] since it began
+#: path computed by a program: pose as a function of the time [s] since its start
 PathFunction: TypeAlias = Callable[[float], Any]
 
 
 def check_pose(
     p: ArrayLike, q: ArrayLike | None = None, farthest: float = FARTHEST, *, upright: bool = False
 ) -> HandPose:
-    """(3,) `p` [m] and (4,) `q` as a quaternion of length 1; None: the tool's axis radial, or `upright`.
+    """(3,) `p` [m] and (4,) normalised quaternion `q`; None: the tool's axis radial, or `upright`.
 
     Raises InputError for another shape, a number that is not finite, a place farther than `farthest` [m] from the
     device's centre, or a quaternion of zeros.
@@ -361,7 +366,8 @@ def check_pose(
 
 
 def split_pose(pose: Any) -> tuple[Any, Any]:
-    """A place and a quaternion or None, from a place (3,) [m], a pair (place, quaternion), or both in one row (7,).
+    """Position and quaternion or None, from a position (3,) [m], a pair (position, quaternion), or one row of both
+    (7,).
 
     >>> split_pose((0.0, 0.0, 0.05))
     ((0.0, 0.0, 0.05), None)
@@ -377,7 +383,7 @@ def split_pose(pose: Any) -> tuple[Any, Any]:
 
 @final
 class SampledPath:
-    """Poses at times, straight lines between them, and the last one from its time on.
+    """Sampled poses with linear interpolation; the last one remains from its time on.
 
     poses   (n, 3) places [m], or (n, 7) places and quaternions (x, y, z, w)
     times   (n,) when the hand is there [s] after the start, each later than the one before
@@ -392,7 +398,7 @@ class SampledPath:
     def __init__(
         self, poses: ArrayLike, times: ArrayLike, farthest: float = FARTHEST, *, upright: bool = False
     ) -> None:
-        """Raises InputError for other shapes, times that do not grow, and poses as `check_pose` does."""
+        """Raises InputError for other shapes, times that do not increase, and poses as `check_pose` does."""
         rows = _check_numbers(poses, None, "path must be poses (n, 3) or (n, 7), finite numbers [m]")
         if rows.ndim != 2 or rows.shape[1] not in (3, 7) or not len(rows):
             raise InputError(
@@ -415,17 +421,18 @@ class SampledPath:
         self.poses = np.empty((len(rows), 7))  #: (n, 7) position [m], quaternion (x, y, z, w)
         self.poses[:, :3] = rows[:, :3]
         if rows.shape[1] == 7:
-            lengths[np.abs(lengths - 1.0) < 1e-12] = 1.0  # a recorded pose stays the same to the bit
+            lengths[np.abs(lengths - 1.0) < 1e-12] = 1.0  # a recorded pose is reproduced bit for bit
             self.poses[:, 3:] = rows[:, 3:] / lengths[:, None]
         elif upright:
             self.poses[:, 3:] = 0.0, 0.0, 0.0, 1.0
         else:
             self.poses[:, 3:] = upright_quaternions(rows)
         turned = np.sum(self.poses[1:, 3:] * self.poses[:-1, 3:], axis=1) < 0.0
-        self.poses[1:, 3:][np.logical_xor.accumulate(turned)] *= -1.0  # the same turn, but the short way to it
+        # equivalent quaternion of the shorter interpolation
+        self.poses[1:, 3:][np.logical_xor.accumulate(turned)] *= -1.0
 
     def __call__(self, t: float) -> HandPose:
-        """(3,) place [m] and (4,) quaternion `t` [s] after the start."""
+        """(3,) position [m] and (4,) quaternion `t` [s] after the start."""
         after = int(np.searchsorted(self.times, t, side="right"))
         if after == 0 or after == len(self.times):
             pose = self.poses[min(after, len(self.times) - 1)]
@@ -439,12 +446,12 @@ class SampledPath:
         return pose[:3], pose[3:] / length if length > 1e-6 else upright_quaternion(pose[:3])
 
 
-_TICK_ERROR = 1e-9  #: a tick's time is that of its deadline but for rounding [s]
+_TICK_ERROR = 1e-9  #: rounding tolerance of a tick's deadline [s]
 
 
 @final
 class ScriptedMotion(GuidedMotion):
-    """The motion of a hand that a file or a test states: poses, the opening of the gripper, and buttons, over time.
+    """Scripted motion of a hand from a file or a test: poses, opening of the gripper, and buttons, over time.
 
     It begins at time zero of the loop's clock and stays at the last pose; a pointer that is held replaces it.
 
@@ -484,13 +491,13 @@ class ScriptedMotion(GuidedMotion):
         return self.path(t)
 
     def signals_at(self, t: float) -> tuple[int, float]:
-        """The pressed buttons at time `t` [s], a sum of 1, 2 and 4, and the gripper's opening [m], NaN without one."""
+        """Pressed buttons at time `t` [s], a sum of 1, 2 and 4, and the gripper's opening [m], NaN without one."""
         after = int(np.searchsorted(self.press_times, t + _TICK_ERROR, side="right"))
         bits = int(self.pressed[after - 1]) if after else 0
         return bits, math.nan if self.grip is None else float(np.interp(t, *self.grip))
 
     def pose_on_return(self, p: Array, q: Array, share: float) -> tuple[Array, Array]:
-        """From `p` (3,) [m] straight to the last pose, and from `q` (4,) the short way, (3,) and (4,)."""
+        """Straight from `p` (3,) [m] to the last pose, and from `q` (4,) by the shortest rotation, (3,) and (4,)."""
         place, turn = self.path.poses[-1, :3], self.path.poses[-1, 3:]
         way = (1.0 - share) * q + share * (turn if float(q @ turn) >= 0.0 else -turn)
         length = float(way @ way) ** 0.5
@@ -498,7 +505,7 @@ class ScriptedMotion(GuidedMotion):
 
 
 def _check_numbers(value: ArrayLike, count: int | None, wanted: str) -> Array:
-    """`value` as finite numbers; `count` of them in a row, None: any shape."""
+    """Check that `value` has finite numbers, `count` of them in a row; None: any shape."""
     try:
         numbers = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as cause:
@@ -509,71 +516,73 @@ def _check_numbers(value: ArrayLike, count: int | None, wanted: str) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# A simulated hand at rest yields: left alone, it does not load the device permanently.
+# Relaxed hand at rest: yields to a sustained force, so that an unattended device is not loaded permanently.
 #
-# A resting hand creeps to where the device pushes the tool, as a relaxed arm does, so that the force asked of the coils
-# fades and the coils stay cool. It gives way around the device, not away from it, where the same force would cost more
-# current, and no further than a hand can without moving its arm. Where giving way does not help, as in a stream, it
-# goes back, and tries again after a while.
+# A resting hand moves slowly in the direction of the device's force, as a relaxed arm does, so that the commanded force
+# decreases and the coils stay cool. It moves around the device, not away from it, where the same force would need more
+# current, and no further than a hand can without moving its arm. Where yielding does not reduce the force, as in a
+# flow, the hand returns, and tries again later.
 
 
-_YIELD = 1.0  #: time constant with which the hand gives way [s]
-_REACH = 0.03  #: farthest from where it rested [m]
-_RELAXED_HAND_TURN = np.radians(40.0)  #: farthest from how it rested [rad]
-_ARM = 0.05  #: length by which a turn counts as a way [m]
-_PACE = 0.02  #: time between two looks at the tool [s]
-_SETTLE = 1.0  #: of rest until the hand gives way; how far it is pushed by then is what must fade [s]
-_TRY = 12.0  #: in which that must fade to a half [s]
-_AGAIN = 120.0  #: until it tries again [s]
+_YIELD_TIME_CONSTANT_S = 1.0  #: time constant of yielding [s]
+_MAX_DISPLACEMENT_M = 0.03  #: maximum displacement from rest [m]
+_MAX_ROTATION_RAD = np.radians(40.0)  #: maximum rotation from rest [rad]
+_LEVER_ARM_M = 0.05  #: lever arm that converts rotation to displacement [m]
+_SAMPLING_PERIOD_S = 0.02  #: sampling period of the tool's pose [s]
+_SETTLING_TIME_S = 1.0  #: rest time before the hand yields; its deflection by then must decrease [s]
+_TRIAL_TIME_S = 12.0  #: time in which it must halve [s]
+_RETRY_INTERVAL_S = 120.0  #: time until the next attempt [s]
 
 
 @final
 class RelaxedHand:
-    """Where a hand that rests wants the mover, after it gave way."""
+    """Goal of a resting hand for the mover, with yielding."""
 
     def __init__(self) -> None:
         self._place = np.zeros(7)
         self._rest = np.full(7, np.nan)
         self._start = self._next = 0.0
-        self._pushed = 0.0  # when it began to give way, as a length [m]
+        self._pushed = 0.0  # deflection at the start of yielding, as a length [m]
         self._helps = True
 
     def rest_at(self, rest: Array, now: float) -> Array:
-        """(7,) [m], quaternion (x, y, z, w): where a hand is that rests at `rest` (7,), at `now` [s]; if it has rested
-        there before, after it gave way."""
+        """(7,) [m], quaternion (x, y, z, w): pose of a hand that rests at `rest` (7,), at `now` [s]; displaced from it
+        if it has yielded there before."""
         if not np.array_equal(rest, self._rest):
             self._rest[:] = self._place[:] = rest
             self._start = self._next = now
         return self._place
 
     def is_due(self, now: float) -> bool:
-        """Whether `yield_to` has anything to do at `now` [s]."""
+        """Whether `yield_to` must be called at `now` [s]."""
         return now >= self._next
 
     def yield_to(self, tool: Array, now: float) -> None:
-        """Creep towards the mover at `tool` (7,) [m], quaternion (x, y, z, w), at `now` [s], or back to rest."""
-        self._next = now + _PACE
+        """Move slowly towards the mover at `tool` (7,) [m], quaternion (x, y, z, w), at `now` [s], or back to rest."""
+        self._next = now + _SAMPLING_PERIOD_S
         pushed = _distance(tool, self._place)
-        if now - self._start >= _AGAIN:
+        if now - self._start >= _RETRY_INTERVAL_S:
             self._start = now
         since = now - self._start
-        if since < _SETTLE:
+        if since < _SETTLING_TIME_S:
             self._pushed, self._helps = pushed, True
             return
-        if since >= _TRY and pushed > 0.5 * self._pushed:
+        if since >= _TRIAL_TIME_S and pushed > 0.5 * self._pushed:
             self._helps = False
-        place = _approach(self._place, tool if self._helps else self._rest, 1.0 - exp(-_PACE / _YIELD))
+        place = _approach(
+            self._place, tool if self._helps else self._rest, 1.0 - exp(-_SAMPLING_PERIOD_S / _YIELD_TIME_CONSTANT_S)
+        )
         far, length = float(np.linalg.norm(self._rest[:3])), float(np.linalg.norm(place[:3]))
         place[:3] *= far / length if length > 0.5 * far > 0.0 else 0.0
         if (
-            float(np.linalg.norm(place[:3] - self._rest[:3])) <= _REACH
-            and _turn(place, self._rest) <= _RELAXED_HAND_TURN
+            float(np.linalg.norm(place[:3] - self._rest[:3])) <= _MAX_DISPLACEMENT_M
+            and _turn(place, self._rest) <= _MAX_ROTATION_RAD
         ):
             self._place[:] = place
 
 
 def _approach(place: Array, goal: Array, share: float) -> Array:
-    """(7,) `place` after `share` of the way to `goal`, both (7,)."""
+    """(7,) pose at `share` of the path from `place` to `goal`, both (7,)."""
     found = place + share * (goal - place)
     turned = goal[3:] if float(goal[3:] @ place[3:]) >= 0.0 else -goal[3:]
     found[3:] = place[3:] + share * (turned - place[3:])
@@ -586,18 +595,18 @@ def _turn(a: Array, b: Array) -> float:
 
 
 def _distance(a: Array, b: Array) -> float:
-    return float(np.linalg.norm(a[:3] - b[:3])) + _ARM * _turn(a, b)
+    return float(np.linalg.norm(a[:3] - b[:3])) + _LEVER_ARM_M * _turn(a, b)
 
 
 # --------------------------------------------------------------------------------------------------
-# How a person leads the tool over the dome when the field sensors calibrate themselves: for simulated devices.
+# Motion of a user who moves the tool over the dome for the self-calibration of the field sensors: simulated.
 
 
-_LED_TOOL_LEAN = 0.4  #: greatest slope of a tool that is led, each way
+_LED_TOOL_LEAN = 0.4  #: maximum slope of the moved tool, each way
 
 
 def lead_tool(device: SphericalElectromagnet, now: float, reach: float = 1.0) -> tuple[Array, Array]:
-    """Position (3,) [m] and quaternion (4,) that a person who leads the tool over the whole dome wants at `now` [s].
+    """Position (3,) [m] and quaternion (4,) at `now` [s] of a user who moves the tool over the whole dome.
 
     Round and up and down, up to `reach` of the workspace's angle, lifted and leaning to all sides; three to thirteen
     seconds for each of these motions.

@@ -1,4 +1,4 @@
-"""A spherical motor and a hand on its handle, simulated: what the driver of a real one would meet.
+"""Simulation of a spherical motor with a hand on its handle, behind the driver interface.
 
 The coils have inductance, warm up, and feel the turning magnets as an electromotive force from the same torque
 characteristic that turns currents into torque; weight and regulator act on the rotor; the bearing rubs and the rotor
@@ -60,25 +60,25 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A rotor on a ball joint as a rigid body: it falls, springs back, rubs, is held by a hand and stops at the edge.
+# Rotor on a ball joint as a rigid body: gravity, regulator, bearing friction, hand and end stop.
 #
-# A step is a free turn for half of it, one kick by all torques, and the other half of the turn. The free turn is
-# composed of turns about the three principal axes, each exact: it keeps the angular momentum to rounding and its energy
-# error does not grow. Springs and weight have potentials; dampers and friction only ever take: a damper acts as the
-# exponential that it is, dry friction stops a motion within a step but cannot turn it round.
+# A step is a free rotation for half of it, one impulse by all torques, and the other half of the rotation. The free
+# rotation is composed of rotations about the three principal axes, each exact: it conserves the angular momentum to
+# rounding and its energy error does not grow. Springs and weight have potentials; dampers and friction only dissipate:
+# a damper is integrated as an exact exponential, dry friction stops a motion within a step but cannot reverse it.
 
 
-#: The rotor, its bearing and the hand on its handle.
+#: Rotor, its bearing and the hand on its handle.
 ROTOR = fields(
     ("inertia", "f8", (3,)),  # principal moments about the centre, with the hand's mass, rotor frame [kg·m²]
     ("damping", "f8", (3,)),  # bearing and hand, about the rotor's axes [N·m·s/rad]
     ("friction", "f8"),  # dry, of the bearing [N·m]
     ("grip", "f8"),  # spring of the hand towards its goal [N·m/rad]
-    ("least", "f8"),  # the least cos(tilt) that the torque of weight and regulator is known for
+    ("least", "f8"),  # minimum cos(tilt) of the known torque of weight and regulator
     ("edge", "f8"),  # cosine of the tilt at which the end stop begins
     ("stop", "f8"),  # its stiffness [N·m/rad]
     ("stop_damping", "f8"),  # [N·m·s/rad]
-    ("goal", "f8", (4,)),  # quaternion to which the hand turns
+    ("goal", "f8", (4,)),  # quaternion of the hand's goal
     ("q", "f8", (4,)),  # quaternion of R_SR (x, y, z, w)
     ("momentum", "f8", (3,)),  # angular, rotor frame [N·m·s]
 )
@@ -94,7 +94,7 @@ def angular_velocity(momentum: Array, inertia: Array, R: Array, w: Array) -> Non
 
 @kernel
 def _rotate_about_axis(q: Array, momentum: Array, axis: int, dt: float, inertia: Array) -> None:
-    """Turn freely about one principal axis: the momentum, fixed in space, turns back in the rotor's frame."""
+    """Rotate freely about one principal axis: the momentum, fixed in space, rotates back in the rotor's frame."""
     angle = dt * momentum[axis] / inertia[axis]
     c, s = np.cos(angle), np.sin(angle)
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -107,7 +107,7 @@ def _rotate_about_axis(q: Array, momentum: Array, axis: int, dt: float, inertia:
 
 @kernel
 def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
-    """A free rigid body for `dt` [s]: Strang's composition of three exact turns, symplectic and of second order."""
+    """Advance a free rigid body by `dt` [s]: Strang splitting of three exact rotations, symplectic, second order."""
     half = 0.5 * dt
     _rotate_about_axis(q, momentum, 0, half, inertia)
     _rotate_about_axis(q, momentum, 1, half, inertia)
@@ -121,7 +121,7 @@ def turn(q: Array, momentum: Array, inertia: Array, dt: float) -> None:
 
 @kernel
 def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Array, dt: float) -> float:
-    """`dt` [s] of torque on a ROTOR at the orientation R; returns how far the end stop is pressed [rad].
+    """Apply `dt` [s] of torque to a ROTOR at the orientation R; returns the deflection of the end stop [rad].
 
     passive (3,) is filled with the torque of weight and regulator, whose `coefficients` (n,) `torque_over_sine`
     takes; coils (3,) is that of the currents [N·m].
@@ -139,11 +139,11 @@ def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Ar
     if nz < rotor.edge:
         lean = np.sqrt(nx * nx + ny * ny)
         pressed = np.arctan2(lean, nz) - np.arccos(rotor.edge)
-        ux, uy = ny / lean, -nx / lean  # about this axis it turns upright
+        ux, uy = ny / lean, -nx / lean  # axis of the rotation to upright
         w = np.empty(3)
         angular_velocity(momentum, inertia, R, w)
         push = rotor.stop * pressed - rotor.stop_damping * (w[0] * ux + w[1] * uy)
-        # A damper that would turn the motion round within a step is cut, and a stop never pulls.
+        # A damper that would reverse the motion within a step is limited, and a stop never pulls.
         push = max(push, 0.0)
         total[0] += push * ux
         total[1] += push * uy
@@ -163,22 +163,22 @@ def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Ar
 
 
 # --------------------------------------------------------------------------------------------------
-# A motor's physics in compiled code: some steps of rotor and coils, and one reading of every sensor.
+# Physics of a motor in compiled code: steps of rotor and coils, and one reading of every sensor.
 
 
-STRIDE = 5e-3  #: turn [rad] over which one torque characteristic holds: K changes over tenths of a radian
+STRIDE = 5e-3  #: rotation [rad] over which one torque characteristic is used: K varies over tenths of a radian
 
-#: All that a simulated motor remembers but its coils and field sensors, and the numbers that it goes by.
+#: State and settings of a simulated motor except its coils and field sensors.
 MOTOR = fields(
     ("rotor", ROTOR),
     ("dt", "f8"),  # of a step [s]
     ("steps", "i8"),  # in one call
     ("heat", "f8", (2, 3)),  # `TwoNode.step` of a step
     ("torque", "f8", (3,)),  # of coils, weight and regulator on the rotor, mean of the last call [N·m]
-    ("pressed", "f8"),  # how far the end stop gives way [rad]
+    ("pressed", "f8"),  # deflection of the end stop [rad]
     ("current_noise", "f8"),  # [A]
     ("current_step", "f8"),  # [A]
-    ("warming", "f8"),  # rise of the sensors' temperature as a share of the coils' at their boundary
+    ("warming", "f8"),  # temperature rise of the sensors relative to that of the coils at their boundary
     ("heat_noise", "f8"),  # [K]
     ("heat_step", "f8"),  # [K]
     ("generator", "u8", (4,)),  # of the sensors' noise
@@ -201,7 +201,7 @@ class Magnetics(NamedTuple):
 
 
 def pack_magnetics(m: Magnetics) -> Array:
-    """(n,) `m` as compiled code takes it, each number in the unit [..] of its field."""
+    """(n,) `m` packed for compiled code, each number in the unit [..] of its field."""
     return pack(
         (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
         m.coil_field, m.tilt_torque,
@@ -219,7 +219,7 @@ def _unpack_magnetics(blob: Array) -> Magnetics:
 
 @kernel
 def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, wish: Array) -> None:
-    """Some steps of rotor and coils: `motor` (1,) MOTOR and `coils` (m,) COIL advance.
+    """Advance `motor` (1,) MOTOR and `coils` (m,) COIL by several steps of rotor and coils.
 
     The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
     steps as the rotor needs for STRIDE, in their middle.
@@ -248,7 +248,7 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
         turn(rotor.q[:], rotor.momentum[:], rotor.inertia[:], 0.5 * dt)
         matrix(rotor.q[:], R)
         angular_velocity(rotor.momentum[:], rotor.inertia[:], R, w)
-        for k in range(channels):  # the power that leaves the coil's circuit is the power that the rotor gets
+        for k in range(channels):  # the power that leaves the coil's circuit equals the power delivered to the rotor
             coils[k].emf = K[0, k] * w[0] + K[1, k] * w[1] + K[2, k] * w[2]
         coil_step(coils, m.heat, dt)
         for k in range(channels):
@@ -265,18 +265,18 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
 
 @kernel
 def _stride(rotor: Record, dt: float, most: int) -> int:
-    """How many steps of `dt` [s], 1 to `most`, the rotor may take until it has turned by STRIDE."""
+    """Number of steps of `dt` [s], 1 to `most`, until the rotor has rotated by STRIDE."""
     momentum, inertia = rotor.momentum, rotor.inertia
     a, b, c = momentum[0] / inertia[0], momentum[1] / inertia[1], momentum[2] / inertia[2]
     turned = dt * math.sqrt(a * a + b * b + c * c)
-    if not turned * most > STRIDE:  # also where it is nowhere
+    if not turned * most > STRIDE:  # also if its state is not finite
         return most
     return max(int(STRIDE / turned), 1)
 
 
 @kernel
 def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Array, K: Array) -> None:
-    """Fill K (3, m) [N·m/A] as it will be `ahead` [s] from now if the rotor turns freely until then."""
+    """Fill K (3, m) [N·m/A] as predicted `ahead` [s] from now for a free rotation of the rotor."""
     q, momentum, R = rotor.q.copy(), rotor.momentum.copy(), np.empty((1, 3, 3))
     turn(q, momentum, rotor.inertia[:], ahead)
     matrix(q, R[0])
@@ -293,7 +293,7 @@ def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Arr
 
 @kernel
 def _is_finite(rotor: Record) -> bool:
-    """Whether pose and momentum of a ROTOR are numbers."""
+    """Whether pose and momentum of a ROTOR are finite."""
     total = rotor.q[3]
     for i in range(3):
         total += rotor.q[i] + rotor.momentum[i]
@@ -305,7 +305,7 @@ def sense(
     motor: Records, coils: Records, halls: Records, magnetics: Array, strength: Array, pose: Array, read: Array,
     field: Array,
 ) -> bool:  # fmt: skip
-    """One reading of every sensor, and the rotor's true motion; False, and nothing read, if the rotor is nowhere.
+    """One reading of every sensor, and the rotor's true motion; False, without a reading, if it is not finite.
 
     motor, coils, magnetics and strength as in `advance`; halls (k,) HALL; pose (4, 3) becomes R and w; read (2 m,)
     currents [A], then temperatures [K]; field (k, 3) [T].
@@ -338,7 +338,7 @@ def sense(
 
 
 # --------------------------------------------------------------------------------------------------
-# How a motor's rotor hangs: its joint from device and hand, the energy in it, and the edge of its workspace.
+# Rotor's joint from device and hand, its potential energy, and the limit of its workspace.
 
 
 def make_rotor_record(device: SphericalMotor, grasp: Grasp) -> Records:
@@ -367,7 +367,7 @@ def potential_energy(coefficients: Array, least: float, cosine: float) -> float:
 
 
 def limit_tilt(q: Array, tilt: float) -> Array:
-    """`q`, its tilt reduced to `tilt` about the same axis if it leans further; the spin stays.
+    """`q` with its tilt limited to `tilt` about the same axis; the spin does not change.
 
     Quaternions (4,), `tilt` in [rad].
     """
@@ -447,7 +447,7 @@ class SimulatedMotor(CoilSimulation):
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
-        """Cold coils without currents, the rotor upright and at rest, noise and lasting errors from `seed`."""
+        """Reset: cold coils without currents, the rotor upright and at rest, noise and constant errors from `seed`."""
         self._state["generator"] = seed_noise(seed)
         device, hall = self.device, self.device.hall
         specimen = draw_sensors(self._quality, device.sensors, seed)
@@ -462,7 +462,7 @@ class SimulatedMotor(CoilSimulation):
         self._t = 0.0
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Turn the rotor to `q` (4,), at rest; beyond the edge it is set onto the edge. `p` (3,) means nothing here.
+        """Rotate the rotor to `q` (4,), at rest; beyond the end stop the tilt is limited to it. `p` (3,) is ignored.
 
         Raises InputError for what is no quaternion.
         """
@@ -474,14 +474,14 @@ class SimulatedMotor(CoilSimulation):
         self._rotor["goal"] = turned / np.linalg.norm(turned)
 
     def spin(self, w: ArrayLike) -> None:
-        """Give the rotor the angular velocity `w` (3,) [rad/s], stator frame. Raises InputError for another shape."""
+        """Set the rotor's angular velocity to `w` (3,) [rad/s], stator frame. Raises InputError for another shape."""
         rate = check_finite(w, "w")
         if rate.shape != (3,):
             raise InputError(f"w must have shape (3,); got {rate.shape}")
         self._rotor["momentum"] = self._rotor["inertia"] * (self.state().R_SR.T @ rate)
 
     def fail(self, sensors: Iterable[int], kind: str = "dead") -> None:
-        """Let field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`).
+        """Make field sensors of these numbers, from 0, fail: "dead", "stuck", "saturated" or "none" (`let_fail`).
 
         A reset does not repair them.
         """
@@ -492,7 +492,7 @@ class SimulatedMotor(CoilSimulation):
         self._state["heat"] = self.device.coils.heat.coil.step(dt)
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one, and `goal_p` means nothing here.
+        """Advance by `dt` [s]; a goal that is not finite leaves the hand's last one, and `goal_p` is ignored.
 
         Raises InputError for less than 0 or more than 10 s.
         """
@@ -501,7 +501,7 @@ class SimulatedMotor(CoilSimulation):
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor; the pose is the true one, as an external tracker would tell it.
+        """One reading of every sensor; the pose is the true one, as from an external tracker.
 
         Raises DriverError where the simulation has left the numbers.
         """
@@ -517,14 +517,14 @@ class SimulatedMotor(CoilSimulation):
         return Sample(t, read[:channels], read[channels:], field, tracked)
 
     def truth(self) -> Array:
-        """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m]; neither
-        hand, nor bearing, nor end stop. The bearing carries every force: the first three are zero."""
+        """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m], without
+        hand, bearing and end stop. The bearing carries every force: the first three are zero."""
         wrench = np.zeros(6)
         wrench[3:] = self._torque
         return wrench
 
     def state(self) -> State:
-        """The rotor as it really is."""
+        """True state of the rotor."""
         R, w = np.empty((3, 3)), np.empty(3)
         rotor = self._rotor
         matrix(rotor["q"][0], R)
@@ -533,7 +533,7 @@ class SimulatedMotor(CoilSimulation):
 
     @property
     def stop_deflection(self) -> float:
-        """How far the end stop gives way under the rotor just now [rad]; 0: it is not reached."""
+        """Present deflection of the end stop [rad]; 0: not reached."""
         return float(self._state["pressed"][0])
 
     @property
@@ -544,7 +544,8 @@ class SimulatedMotor(CoilSimulation):
 
     @property
     def energy(self) -> float:
-        """Kinetic energy, and that of weight, regulator, grip and end stop [J]; zero upright at the hand's goal."""
+        """Kinetic energy, plus potentials of weight, regulator, grip and end stop [J]; zero upright at the hand's
+        goal."""
         rotor = self._rotor[0]
         kinetic = 0.5 * float((rotor["momentum"] ** 2 / rotor["inertia"]).sum())
         left = np.empty(3)

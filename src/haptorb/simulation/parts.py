@@ -1,4 +1,4 @@
-"""The coils as an electrician meets them: chopped supply, R and L in series, resistance and heat that follow the load.
+"""Components of the simulated devices: chopped supply, coils with R, L and heat, Hall sensors, hand and tool.
 
 Every step is exact for a duty, an electromotive force and a resistance held in it: the current is an exponential, its
 square's mean is known, and the heat is a matrix: of two nodes each, or of all coils and what lies between them. Left
@@ -57,7 +57,7 @@ __all__ = [
 ]
 
 
-#: Of each coil: what does not change about it, and how it is now.
+#: One record per coil: parameters and state.
 COIL = fields(
     ("resistance", "f8"),  # at the reference temperature [Ω]
     ("inductance", "f8"),  # [H]
@@ -66,7 +66,7 @@ COIL = fields(
     ("reference", "f8"),  # temperature [K]
     ("ambient", "f8"),  # temperature [K]
     ("duty", "f8"),  # −1 to 1
-    ("emf", "f8"),  # that the moving mover induces against the current [V]
+    ("emf", "f8"),  # back-EMF of the moving mover [V]
     ("current", "f8"),  # [A]
     ("winding", "f8"),  # temperature [K]
     ("body", "f8"),  # temperature [K]
@@ -75,7 +75,7 @@ COIL = fields(
 
 
 def cold_coils(device: Device) -> Records:
-    """(m,) COIL of `device`: no current, everything at the ambient temperature."""
+    """(m,) COIL of `device`: no current, all temperatures ambient."""
     coils = device.coils
     made = np.zeros(device.channels, dtype=COIL)
     made["resistance"], made["inductance"] = coils.resistance, coils.inductance
@@ -87,7 +87,7 @@ def cold_coils(device: Device) -> Records:
 
 @tick_kernel
 def chop(duties: Array, steps: float, out: Array) -> None:
-    """Clip `duties` (m,) to −1…1 and round their magnitudes to 1/steps; what is not finite becomes zero."""
+    """Clip `duties` (m,) to −1…1 and round their magnitudes to 1/steps; non-finite values become zero."""
     for k in range(duties.shape[0]):
         duty = duties[k]
         if not np.isfinite(duty):
@@ -97,13 +97,13 @@ def chop(duties: Array, steps: float, out: Array) -> None:
 
 @kernel
 def _drive(c: Record, dt: float) -> float:
-    """Advance the current of a COIL by `dt` [s] under its duty and emf; the mean power that heats it meanwhile [W]."""
+    """Advance the current of a COIL by `dt` [s] under its duty and emf; returns the mean heating power [W]."""
     resistance = c.resistance * (1.0 + c.coefficient * (c.winding - c.reference))
     end = (c.duty * c.voltage - c.emf) / resistance
     gap = c.current - end
     x = resistance * dt / c.inductance
     gone = -np.expm1(-x)
-    share = gone / x if x > 0.0 else 1.0  # mean of the decaying part; the mean of its square too
+    share = gone / x if x > 0.0 else 1.0  # mean of the decaying part, and of its square
     c.mean = end + gap * share
     square = end * end + 2.0 * end * gap * share + gap * gap * share * (1.0 - 0.5 * gone)
     c.current = end + gap * (1.0 - gone)
@@ -112,7 +112,7 @@ def _drive(c: Record, dt: float) -> float:
 
 @kernel
 def coil_step(coils: Records, heat: Array, dt: float) -> None:
-    """Advance `coils`, (m,) COIL, that do not warm each other by `dt` [s] under their duties and emf.
+    """Advance uncoupled `coils`, (m,) COIL, by `dt` [s] under their duties and emf.
 
     heat (2, 3) is `TwoNode.step(dt)`.
     """
@@ -124,7 +124,7 @@ def coil_step(coils: Records, heat: Array, dt: float) -> None:
 
 @kernel
 def network_coil_step(coils: Records, heat: Array, core: float, dt: float) -> float:
-    """Advance `coils`, (m,) COIL, by `dt` [s] under their duties and emf; the core's temperature after it [K].
+    """Advance `coils`, (m,) COIL, by `dt` [s] under their duties and emf; returns the core's new temperature [K].
 
     heat (2 m + 1, 3 m + 1) is the step of a `ThermalNetwork` of windings, bodies and a core, which is at `core` [K].
     """
@@ -143,7 +143,7 @@ def network_coil_step(coils: Records, heat: Array, core: float, dt: float) -> fl
 
 
 # --------------------------------------------------------------------------------------------------
-# Noise that is the same on every machine for a seed: xoshiro256++ (Blackman and Vigna 2019), inside compiled code.
+# Reproducible noise, equal on every machine for a seed: xoshiro256++ (Blackman and Vigna 2019), in compiled code.
 
 
 Noise: TypeAlias = NDArray[np.uint64]
@@ -154,7 +154,7 @@ _U17, _U19, _U23, _U41, _U45, _U11 = (np.uint64(n) for n in (17, 19, 23, 41, 45,
 
 
 def seed_noise(seed: int) -> Noise:
-    """(4,) a generator's state for `seed`, any integer from 0 on.
+    """(4,) state of a generator for `seed`, any integer from 0.
 
     Raises InputError for what is none.
 
@@ -169,7 +169,7 @@ def seed_noise(seed: int) -> Noise:
 
 @kernel
 def _uniform(s: Noise) -> float:
-    """A number in (0, 1]: 53 bits, never zero, so that its logarithm exists."""
+    """Uniform number in (0, 1]: 53 bits, never zero, so that its logarithm exists."""
     mixed = s[0] + s[3]
     mixed = ((mixed << _U23) | (mixed >> _U41)) + s[0]
     shift = s[1] << _U17
@@ -184,7 +184,7 @@ def _uniform(s: Noise) -> float:
 
 @kernel
 def _fill_uniform(s: Noise, first: Array, second: Array) -> None:
-    """Two numbers in (0, 1] in turn, as long as there is room."""
+    """Fill both arrays alternately with uniform numbers in (0, 1]."""
     for i in range(first.shape[0]):
         first[i] = _uniform(s)
         second[i] = _uniform(s)
@@ -199,7 +199,7 @@ def _radii(u: Array) -> None:
     bits = u.view(np.int64)
     for i in range(u.shape[0]):
         exponent = np.float64(np.int32((bits[i] + _TO_MIDDLE) >> 52) - 1023)
-        bits[i] = bits[i] - (np.int64(np.int32((bits[i] + _TO_MIDDLE) >> 52) - 1023) << 52)  # the mantissa alone
+        bits[i] = bits[i] - (np.int64(np.int32((bits[i] + _TO_MIDDLE) >> 52) - 1023) << 52)  # mantissa only
         f = (u[i] - 1.0) / (u[i] + 1.0)
         g = f * f  # at most 0.0295
         series = 1.0 / 19.0 + g * (1.0 / 21.0)
@@ -262,63 +262,63 @@ def fill_normal(s: Noise, out: Array) -> None:
 
 @kernel
 def quantise(value: float, step: float) -> float:
-    """`value` as a converter with quantum `step` reports it; step 0: an ideal one."""
+    """`value` rounded by a converter with quantum `step`; step 0: an ideal one."""
     return np.rint(value / step) * step if step > 0.0 else value
 
 
 # --------------------------------------------------------------------------------------------------
-# A wrench map that takes long is not computed in every step: between two times it follows the mover's change from the
-# last to the newest. Its error is then of the second order in that way.
+# Wrench maps that are expensive are not computed in every step: between two evaluations they are extrapolated with the
+# mover's change from the last to the newest. The error is then of second order in that displacement.
 
 
-_MOVED = 2e-5  #: the map is computed again when the mover has moved so far [m] …
-_TURNED = 1e-3  #: … or an entry of its rotation has changed so much
-_ARM = 0.02  #: at which a turn counts as a way [m]
-_SHORT = 4e-3  #: a longer way between two maps says nothing of how they change [m]
-_MIN_CONTINUATION, _MAX_CONTINUATION = -1.0, 4.0  #: shares of that way by which the newest map may be continued
+_MAP_DISTANCE_M = 2e-5  #: the map is computed again when the mover has moved by this [m] …
+_MAP_ROTATION = 1e-3  #: … or an entry of its rotation has changed by this
+_LEVER_ARM_M = 0.02  #: lever arm that converts rotation to displacement [m]
+_MAX_MAP_DISPLACEMENT_M = 4e-3  #: a larger displacement between two maps gives no valid slope [m]
+_MIN_CONTINUATION, _MAX_CONTINUATION = -1.0, 4.0  #: extrapolation limits, relative to that displacement
 
 
 @kernel
 def is_elsewhere(pose: Array, R: Array, p: Array) -> bool:
-    """Whether the mover, at R (3, 3) and p (3,) [m], has left `pose` (4, 3), R above p, so far that a map of there is
-    old."""
+    """Whether the mover, at R (3, 3) and p (3,) [m], is so far from `pose` (4, 3), R above p, that a map computed there
+    is old."""
     square, turn = 0.0, 0.0
     for i in range(3):
         square += (pose[3, i] - p[i]) ** 2
         for j in range(3):
             turn = max(turn, abs(pose[i, j] - R[i, j]))
-    return not (square <= _MOVED * _MOVED and turn <= _TURNED)
+    return not (square <= _MAP_DISTANCE_M * _MAP_DISTANCE_M and turn <= _MAP_ROTATION)
 
 
 @kernel
 def find_share(pose: Array, change: Array, R: Array, p: Array) -> float:
-    """How far the mover, at R (3, 3) and p (3,) [m], is beyond `pose` (4, 3) as a share of its `change` (4, 3) before
+    """Displacement of the mover, at R (3, 3) and p (3,) [m], from `pose` (4, 3), relative to its `change` (4, 3) before
     that."""
     along, square = 0.0, 0.0
     for j in range(3):
         along += (p[j] - pose[3, j]) * change[3, j]
         square += change[3, j] * change[3, j]
         for i in range(3):
-            along += _ARM * _ARM * (R[i, j] - pose[i, j]) * change[i, j]
-            square += _ARM * _ARM * change[i, j] * change[i, j]
-    if not (1e-18 < square < _SHORT * _SHORT):
+            along += _LEVER_ARM_M * _LEVER_ARM_M * (R[i, j] - pose[i, j]) * change[i, j]
+            square += _LEVER_ARM_M * _LEVER_ARM_M * change[i, j] * change[i, j]
+    if not (1e-18 < square < _MAX_MAP_DISPLACEMENT_M * _MAX_MAP_DISPLACEMENT_M):
         return 0.0
     return float(min(max(along / square, _MIN_CONTINUATION), _MAX_CONTINUATION))
 
 
 # --------------------------------------------------------------------------------------------------
-# Three-axis Hall sensors as they come: gain, offset, cross-axis, drift, noise, quantum, range, and some that fail.
+# Three-axis Hall sensors with errors: gain, offset, cross-axis, drift, noise, quantum, range, and failures.
 #
-# Every sensor reads along its own axes, the columns of its frame, and what it reads is turned into the stator frame, as
-# a driver does. The errors that stay are those of a SensorSpecimen; the noise is drawn with every reading. Where a
-# sensor really is, is up to who computes the field that it reads.
+# Every sensor reads along its own axes, the columns of its frame, and its reading is rotated to the stator frame, as a
+# driver does. Constant errors are those of a SensorSpecimen; the noise is drawn with every reading. The caller computes
+# the field at the true position of a sensor.
 
 
-#: how a sensor can fail, and the number that stands for it
+#: failure modes of a sensor, with their numbers
 FAILURES = {"none": 0, "dead": 1, "stuck": 2, "saturated": 3}
 
 
-#: Of each sensor.
+#: One record per sensor.
 HALL = fields(
     ("frame", "f8", (3, 3)),  # columns ϑ̂, φ̂, r̂
     ("mixing", "f8", (3, 3)),  # reading per field along the sensor's own axes
@@ -327,21 +327,22 @@ HALL = fields(
     ("offset_drift", "f8", (3,)),  # [T/K]
     ("noise", "f8"),  # [T]
     ("step", "f8"),  # [T]
-    ("reach", "f8"),  # greatest reading of an axis [T]
+    ("reach", "f8"),  # maximum reading of an axis [T]
     ("failure", "i8"),  # a number of FAILURES
-    ("held", "f8", (3,)),  # last good reading, own axes: what a stuck one says [T]
+    ("held", "f8", (3,)),  # last good reading, own axes: output of a stuck sensor [T]
 )
 
 
 def greatest_reading(sensors: FieldSensors) -> float:
-    """Of an axis [T]: its range; where the file states none, that of a converter of 16 bits, inf for an ideal one."""
+    """Maximum reading of an axis [T]: its range; if the file states none, that of a 16-bit converter, inf for an ideal
+    one."""
     if sensors.range is not None:
         return sensors.range
     return 32767 * sensors.step if sensors.step > 0 else np.inf
 
 
 def make_halls(frames: Array, specimen: SensorSpecimen, sensors: FieldSensors) -> Records:
-    """(k,) HALL with `frames` (k, 3, 3) and the lasting errors of `specimen`; none fails. Fields in [T]."""
+    """(k,) HALL with `frames` (k, 3, 3) and the constant errors of `specimen`; none fails. Fields in [T]."""
     made = np.zeros(len(frames), dtype=HALL)
     made["frame"] = frames
     for name in ("mixing", "offset", "gain_drift", "offset_drift"):
@@ -351,7 +352,7 @@ def make_halls(frames: Array, specimen: SensorSpecimen, sensors: FieldSensors) -
 
 
 def let_fail(halls: Records, sensors: Iterable[int], kind: str) -> None:
-    """Let those of `halls` (k,) with these numbers, from 0, fail: "dead" (nothing but offset and noise), "stuck" at the
+    """Make those of `halls` (k,) with these numbers, from 0, fail: "dead" (offset and noise only), "stuck" at the
     last reading, "saturated"; "none" repairs them.
 
     Raises UnknownName for another kind, InputError for a sensor that is not there; then nothing has changed.
@@ -372,7 +373,7 @@ def _convert(value: float, reach: float, step: float) -> float:
 
 @kernel
 def _fault_value(failure: int, held: float, own: float, quiet: float, reach: float) -> float:
-    """What an axis of a sensor that fails says: held, its greatest, or nothing but offset and noise (`quiet`) [T]."""
+    """Output of an axis of a failed sensor: held, its maximum, or offset and noise only (`quiet`) [T]."""
     if failure == 2:
         return held
     if failure == 3:
@@ -382,7 +383,7 @@ def _fault_value(failure: int, held: float, own: float, quiet: float, reach: flo
 
 @kernel
 def read_halls(halls: Records, noise: Noise, warmth: float, field: Array) -> None:
-    """Turn the true `field` (k, 3) [T], stator frame, into what `halls`, (k,) HALL, read of it, in place.
+    """Replace the true `field` (k, 3) [T], stator frame, by the readings of `halls`, (k,) HALL.
 
     warmth [K]: by how much the sensors are warmer than when they were calibrated.
     """
@@ -415,14 +416,14 @@ def read_halls(halls: Records, noise: Noise, warmth: float, field: Array) -> Non
 
 
 # --------------------------------------------------------------------------------------------------
-# A hand on the tool: springs and dampers towards where it wants the tool, in place and in turn.
+# Hand on the tool: springs and dampers towards the hand's goal, in position and orientation.
 #
-# The hand moves with the tool (its mass is added) and carries the tool's weight, as people do without thinking: what is
-# seen of its yielding is the device's doing. The dampers act against the stator. Grips from the literature run from 0.1
-# kg, 2 N·s/m, 100 N/m (a pen, lightly) to 0.8 kg, 10 N·s/m, 500 N/m.
+# The hand moves with the tool (its effective mass is added) and carries the tool's weight: the observed deflection is
+# caused by the device alone. The dampers act against the stator. Grips from the literature range from 0.1 kg, 2 N·s/m,
+# 100 N/m (a pen, held lightly) to 0.8 kg, 10 N·s/m, 500 N/m.
 
 
-#: How firmly the tool is held; zeros: no hand at all.
+#: Impedance of the grip; zeros: no hand.
 GRIP = fields(
     ("stiffness", "f8"),  # [N/m]
     ("damping", "f8"),  # [N·s/m]
@@ -433,7 +434,7 @@ GRIP = fields(
 
 @kernel
 def fill_remaining_rotation(q: Array, goal: Array, out: Array) -> None:
-    """out (3,) [rad], stator frame: the shortest turn from the unit quaternion q to `goal` (both (x, y, z, w))."""
+    """out (3,) [rad], stator frame: shortest rotation from the unit quaternion q to `goal` (both (x, y, z, w))."""
     x = -goal[3] * q[0] + goal[0] * q[3] - goal[1] * q[2] + goal[2] * q[1]
     y = -goal[3] * q[1] + goal[1] * q[3] - goal[2] * q[0] + goal[0] * q[2]
     z = -goal[3] * q[2] + goal[2] * q[3] - goal[0] * q[1] + goal[1] * q[0]
@@ -448,13 +449,13 @@ def fill_remaining_rotation(q: Array, goal: Array, out: Array) -> None:
 # --------------------------------------------------------------------------------------------------
 # The tool as a rigid body over the dome: pose, motion, and contact along its shaft.
 #
-# Pose and motion are in the stator frame. Steps are linearly implicit in the hand's springs and dampers (stable at any
-# step), explicit in the rest.
+# Pose and motion are in the stator frame. Steps are linearly implicit in the hand's springs and dampers (stable for any
+# step), explicit otherwise.
 
 
 GRAVITY = 9.80665  #: [m/s²], along −z of the stator
 
-#: The sphere under the tip; or a level plate, whose height stands in place of the radius.
+#: Sphere under the tip; or a level plate, with its height in place of the radius.
 DOME = fields(
     ("radius", "f8"),  # [m]
     ("stiffness", "f8"),  # [N/m]
@@ -462,17 +463,17 @@ DOME = fields(
     ("friction", "f8"),  # [1]
 )
 
-#: The tool with the part of the hand that moves with it, the dome that it touches, and the hand's goal for it.
+#: Tool with the effective mass of the hand, dome in contact with it, and the hand's goal.
 TOOL = fields(
     ("mass", "f8"),  # tool and hand [kg]
-    ("weight", "f8"),  # of the tool, where no hand carries it [N]
+    ("weight", "f8"),  # of the tool, if no hand carries it [N]
     ("inertia", "f8", (3,)),  # principal moments about the magnet's centre, mover frame [kg·m²]
     ("tip", "f8"),  # distance of the tip from the magnet's centre, along −z of the mover [m]
-    ("tail", "f8"),  # how far behind the magnet's centre the shaft can touch, along +z [m]
+    ("tail", "f8"),  # extent of the shaft behind the magnet's centre that can touch, along +z [m]
     ("dome", DOME),
     ("grip", GRIP),
-    ("goal", "f8", (3,)),  # position to which the hand pulls [m]
-    ("goal_q", "f8", (4,)),  # quaternion to which the hand turns
+    ("goal", "f8", (3,)),  # position goal of the hand [m]
+    ("goal_q", "f8", (4,)),  # orientation goal of the hand, quaternion
     ("p", "f8", (3,)),  # [m]
     ("q", "f8", (4,)),  # quaternion of R_SR
     ("v", "f8", (3,)),  # [m/s]
@@ -481,7 +482,7 @@ TOOL = fields(
 
 
 def fill_tool(state: Records, tool: Tool | ArrayMover, hand: Hand | None, surface: DomeContact) -> None:
-    """Fill `state`, (1,) TOOL, with tool, hand and surface as the device file has them; without a hand it falls.
+    """Fill `state`, (1,) TOOL, with tool, hand and surface of the device file; without a hand the tool falls.
 
     A hand carries the tool's weight.
     """
@@ -514,7 +515,7 @@ def matrix(q: Array, R: Array) -> None:
 
 @kernel
 def _inverse_mass(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: float, uy: float, uz: float) -> float:
-    """Inverse of the mass felt at arm r along the unit vector u [1/kg]: 1/m + (r×u)·I⁻¹(r×u)."""
+    """Inverse of the effective mass at arm r along the unit vector u [1/kg]: 1/m + (r×u)·I⁻¹(r×u)."""
     cx, cy, cz = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
     bx = R[0, 0] * cx + R[1, 0] * cy + R[2, 0] * cz
     by = R[0, 1] * cx + R[1, 1] * cy + R[2, 1] * cz
@@ -526,7 +527,7 @@ def _inverse_mass(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: f
 
 @kernel
 def set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
-    """The hand's goal becomes the wish; what is not finite, or no turn, stays as it was."""
+    """Set the hand's goal; non-finite values and invalid quaternions leave the last one."""
     square = 0.0
     for i in range(4):
         square += wish_q[i] * wish_q[i]
@@ -540,7 +541,7 @@ def set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
 
 @kernel
 def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
-    """Add to out (6,) the dome's push on `tool`, a TOOL at R (3, 3): force [N] and torque about p [N·m]; returns the
+    """Add to out (6,) the contact wrench on `tool`, a TOOL at R (3, 3): force [N] and torque about p [N·m]; returns the
     depth [m].
 
     The shaft is a line from the tip to behind the magnet; its point nearest to the centre touches. So a tool lying on
@@ -564,7 +565,7 @@ def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
 
 @kernel
 def plate_contact(tool: Record, R: Array, dt: float, out: Array) -> float:
-    """As `contact`, of a level plate at z = `dome.radius`: the lower end of the shaft touches."""
+    """Contact with a level plate at z = `dome.radius`, as `contact`: the lower end of the shaft touches."""
     s = -tool.tip if R[2, 2] >= 0.0 else tool.tail
     depth: float = tool.dome.radius - (tool.p[2] + s * R[2, 2])
     if depth <= 0.0:
@@ -577,7 +578,7 @@ def plate_contact(tool: Record, R: Array, dt: float, out: Array) -> float:
 def _push_back(
     tool: Record, R: Array, s: float, normal: tuple[float, float, float], depth: float, dt: float, out: Array
 ) -> None:
-    """Add to out (6,) what a surface does to the shaft `s` [m] along its axis from p, `depth` [m] inside."""
+    """Add to out (6,) the contact wrench at `s` [m] along the shaft's axis from p, at penetration `depth` [m]."""
     dome, v, w = tool.dome, tool.v, tool.w
     ux, uy, uz = normal
     rx, ry, rz = s * R[0, 2], s * R[1, 2], s * R[2, 2]
@@ -585,7 +586,7 @@ def _push_back(
     vy = v[1] + w[2] * rx - w[0] * rz
     vz = v[2] + w[0] * ry - w[1] * rx
     speed = vx * ux + vy * uy + vz * uz
-    # A damper that would turn the motion round within a step is cut to one that stops it.
+    # A damper that would reverse the motion within a step is limited to one that stops it.
     damping = min(dome.damping, 1.0 / (dt * _inverse_mass(tool, R, rx, ry, rz, ux, uy, uz)))
     push = max(dome.stiffness * depth - damping * speed, 0.0)
     fx, fy, fz = push * ux, push * uy, push * uz
@@ -608,7 +609,7 @@ def _push_back(
 
 @kernel
 def move(tool: Record, R: Array, turn: Array, wrench: Array, dt: float) -> None:
-    """One step of `dt` [s] under `wrench` (6,), gravity and the grip; `turn` (3,) is the rotation left to the goal.
+    """Advance by one step of `dt` [s] under `wrench` (6,), gravity and grip; `turn` (3,) is the rotation to the goal.
 
     Velocities first, then the pose with the new velocities; the grip is taken at the step's end:
     v' = [m v + dt (F + k (g − p))] / (m + dt c + dt² k), and so about every principal axis.
@@ -643,7 +644,7 @@ def move(tool: Record, R: Array, turn: Array, wrench: Array, dt: float) -> None:
 
 @kernel
 def _turn(q: Array, wx: float, wy: float, wz: float, dt: float) -> None:
-    """Turn the quaternion q (4,) by the mover-frame rate w over dt, exactly for a rate held in it."""
+    """Rotate the quaternion q (4,) by the mover-frame rate w over dt, exact for a constant rate."""
     rate = np.sqrt(wx * wx + wy * wy + wz * wz)
     half = 0.5 * rate * dt
     s = np.sin(half) / rate if half > 1e-8 else 0.5 * dt

@@ -1,4 +1,4 @@
-"""The simulation of each kind of device."""
+"""Simulations of the kinds of devices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["simulate"]
 @device_function
 @singledispatch
 def simulate(device: Device, seed: int = 0) -> Simulation:
-    """A simulation of `device` whose noise is that of `seed`; DeviceError if there is none for its kind.
+    """Create a simulation of `device` with noise from `seed`; DeviceError if there is none for its kind.
 
     >>> from haptorb.devices.loader import load
     >>> simulate(load("omni")).device.name

@@ -1,4 +1,4 @@
-"""A made-up tracker and a made-up person who touches a dome with the tool: what registering a frame can be tried on.
+"""Synthetic tracker, and a synthetic user who touches a dome with the tool: test data for frame registration.
 
 The person goes round the dome in a spiral with the tool tilted to all sides, lifts it now and then, stands it in every
 mark and tilts it there, and rolls it in a bore. The tracker sees a body somewhere on the tool, in a frame of its own,
@@ -22,15 +22,15 @@ from haptorb.estimation.tracker_frame import Touches, TouchSession
 __all__ = ["SimulatedPerson", "SyntheticTracker"]
 
 _TILT = np.deg2rad(32.0)  #: of the tool from the dome's normal, in the marks too [rad]
-_LIFTED = 0.05  #: share of the way over the dome on which the tip is off it
-_HEIGHT = 6e-3  #: by at most so much [m]
-_SWAY = np.deg2rad(0.2)  #: of the tool in its bore [rad]
+_LIFTED_SHARE = 0.05  #: share of the path over the dome on which the tip is lifted
+_MAX_LIFT_M = 6e-3  #: maximum lift [m]
+_BORE_PLAY_RAD = np.deg2rad(0.2)  #: play of the tool in its bore [rad]
 
 
 @final
 @dataclass(frozen=True)
 class SyntheticTracker:
-    """A frame, a body and noise.
+    """Tracker with a frame, a rigid body and noise.
 
     R, t    (3, 3), (3,) [m] tracker into stator: x_S = R x_T + t
     tip     (3,) in the body [m]; axis (3,) unit vector from the tip towards the magnet
@@ -46,7 +46,7 @@ class SyntheticTracker:
 
     @classmethod
     def draw(cls, seed: int, noise: float = 1e-4, turning: float = float(np.deg2rad(0.05))) -> SyntheticTracker:
-        """Any frame within 2 m, a body up to 15 cm from the tip and turned anyhow."""
+        """Random frame within 2 m, and a body up to 15 cm from the tip in a random orientation."""
         rng = np.random.default_rng(seed)
         frame, body = Rotation.random(2, random_state=rng).as_matrix()
         along, aside = rng.uniform(0.03, 0.14), rng.uniform(-0.03, 0.03, 2)
@@ -54,7 +54,8 @@ class SyntheticTracker:
         return cls(frame, rng.uniform(-1.2, 1.2, 3), tip, body[:, 2], noise, turning)
 
     def observe(self, tips: Array, turns: Array, rng: np.random.Generator) -> Touches:
-        """Where it sees the body while the tip is at tips (n, 3) [m] and turns (n, 3, 3) turn tool into stator."""
+        """Observed body poses with the tip at tips (n, 3) [m] and tool rotations turns (n, 3, 3) to the stator
+        frame."""
         body = turns @ rotation_to_axis(self.axis).T  # the tool's z is the body's axis
         places = (tips - body @ self.tip - self.t) @ self.R
         places += rng.normal(0.0, self.noise, places.shape)
@@ -65,31 +66,31 @@ class SyntheticTracker:
 @final
 @dataclass
 class SimulatedPerson:
-    """One who holds the tool of `device` under `tracker`; every stroke begins where the one before ended."""
+    """Simulated user with the tool of `device` under `tracker`; each motion begins where the previous one ended."""
 
     device: SphericalElectromagnet
     tracker: SyntheticTracker
     seed: int = 0
-    reach: float = 1.0  #: share of the workspace's half angle that is gone over
+    reach: float = 1.0  #: covered share of the workspace's half angle
     tilt: float = float(_TILT)  #: of the tool [rad]
-    turn: float = 1.1  #: turns of the tool while it is rolled
+    turn: float = 1.1  #: rotation of the tool while it is rolled [turns]
     _rng: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
 
     def dome(self, n: int) -> Touches:
-        """The tip on the dome, n poses on a spiral from the summit outwards."""
+        """n poses with the tip on the dome, on a spiral from the summit outwards."""
         s = (np.arange(n) + 0.5) / n
         polar = self.reach * self.device.workspace_half_angle * np.sqrt(s)
         azimuth = 2 * np.pi * 7 * np.sqrt(s) + self._rng.uniform(0, 2 * np.pi)
         normals = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
-        up = np.maximum(np.sin(2 * np.pi * 5 * s) - np.cos(np.pi * _LIFTED), 0.0)
-        up *= _HEIGHT / max(float(up.max()), 1e-12)
+        up = np.maximum(np.sin(2 * np.pi * 5 * s) - np.cos(np.pi * _LIFTED_SHARE), 0.0)
+        up *= _MAX_LIFT_M / max(float(up.max()), 1e-12)
         return self._hold((self.device.dome_radius + up)[:, None] * normals, normals, s)
 
     def mark(self, name: str, n: int) -> Touches:
-        """The tip in the mark `name`, n poses, tilted to all sides. Raises InputError for a name that is none."""
+        """n poses with the tip in the mark `name`, tilted to all sides. Raises InputError for an unknown mark."""
         marks = self.device.marks
         if marks is None or name not in marks.names:
             raise InputError(f"device '{self.device.name}' has no mark '{name}'")
@@ -98,22 +99,22 @@ class SimulatedPerson:
         return self._hold(np.tile(place, (n, 1)), normals, (np.arange(n) + 0.5) / n)
 
     def roll(self, n: int) -> Touches:
-        """The tool upright in a bore beside the device, n poses, turned about itself."""
+        """n poses of the tool upright in a bore beside the device, rotated about its axis."""
         s = np.arange(n) / max(n - 1, 1)
-        sway = _SWAY * np.column_stack([np.cos(9 * s), np.sin(7 * s), np.zeros(n)])
+        sway = _BORE_PLAY_RAD * np.column_stack([np.cos(9 * s), np.sin(7 * s), np.zeros(n)])
         spin = np.outer(2 * np.pi * self.turn * s, (0.0, 0.0, 1.0))
         turns = (Rotation.from_rotvec(sway) * Rotation.from_rotvec(spin)).as_matrix()
         return self.tracker.observe(np.tile([0.12, 0.05, -0.03], (n, 1)), turns, self._rng)
 
     def session(self, dome: int = 240, mark: int = 60, roll: int = 60) -> TouchSession:
-        """All of it, with so many poses each. Raises InputError for a device without marks."""
+        """All steps of a registration, with so many poses each. Raises InputError for a device without marks."""
         if self.device.marks is None:
             raise InputError(f"device '{self.device.name}' has no marks")
         stands = {name: self.mark(name, mark) for name in self.device.marks.names}
         return TouchSession(self.dome(dome), stands, self.roll(roll))
 
     def _hold(self, tips: Array, normals: Array, s: Array) -> Touches:
-        """Tilted about the normals, to all sides in turn, and rolled a little as hands do."""
+        """Poses tilted about the normals, to all sides in turn, with the small roll of a hand."""
         turned = 2 * np.pi * 11 * s + self._rng.uniform(0, 2 * np.pi)
         much = self.tilt * (0.55 + 0.45 * np.cos(2 * np.pi * 4 * s))
         upright = np.stack([rotation_to_axis(normal) for normal in normals])

@@ -1,4 +1,4 @@
-"""The wrench on the tool once more, in another way and finer than loop and simulation need: the reference for errors.
+"""Reference wrench on the tool: computed by another method, more accurately than in loop and simulation.
 
 Charges in plenty on the ring's faces, at each of them the field of the windings in closed form with the core's answer
 (where the sizes are not known, of dipoles in one plain formula), and the core's answer to the ring charge by charge
@@ -23,7 +23,8 @@ __all__ = ["true_wrench"]
 def true_wrench(
     device: SphericalElectromagnet, state: State, currents: ArrayLike, *, radial: int = 4, azimuth: int = 16
 ) -> Array:
-    """(6,) force [N] and torque about the magnet [N·m] at `state` under `currents` (m,) [A], core's pull included.
+    """(6,) force [N] and torque about the magnet [N·m] at `state` under `currents` (m,) [A], with the core's
+    attraction.
 
     >>> from haptorb.devices.loader import load
     >>> round(1e3 * float(true_wrench(load("omni"), State.at((0, 0, 0.05)), (0, 0, 0))[2]), 1)    # erratum E18
