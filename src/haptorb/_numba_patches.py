@@ -1,4 +1,4 @@
-"""Changes to numba's undocumented internals: each with its reason, and all of them can be left out.
+"""Optional changes to numba's undocumented internals, each with its reason.
 
 `load_numba` makes the changes, `compile_function` asks numba for a kernel. Neither touches numba's internals where the
 installed version is newer than `NEWEST`, the last that the tests have run with, or where HAPTORB_PLAIN_NUMBA is 1: then
@@ -36,13 +36,13 @@ def is_patched(version: str) -> bool:
         f"and starts take longer; pip install 'numba<{NEWEST[0]}.{NEWEST[1] + 1}' brings the tested one",
         file=sys.stderr,
     )
-    os.environ[_PLAIN] = "1"  # the processes that this one starts say it no more
+    os.environ[_PLAIN] = "1"  # child processes do not print it again
     return False
 
 
 @cache
 def load_numba() -> Any:
-    """numba, changed where it may be."""
+    """Import numba and apply the patches if its version allows."""
     from importlib.metadata import version
 
     if not is_patched(version("numba")):
@@ -58,13 +58,13 @@ def load_numba() -> Any:
 
 
 def compile_function(function: Callable[..., Any], folder: str, *, vectors: bool, brief: bool) -> Any:
-    """numba's dispatcher of `function`, which is kept in `folder` ("": nowhere).
+    """numba's dispatcher of `function`, with `folder` as its cache ("": none).
 
     vectors: its loops become vector code. brief: no reference is counted and the interpreter lock is not released.
     """
     numba = load_numba()
     usual = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = folder  # read when a dispatcher is made
+    numba.config.CACHE_DIR = folder  # read at the creation of a dispatcher
     try:
         compiled = numba.njit(
             cache=bool(folder), nogil=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
@@ -80,7 +80,7 @@ def compile_function(function: Callable[..., Any], folder: str, *, vectors: bool
 
 
 def _list_options(brief: bool) -> dict[str, bool]:
-    """No kernel is called through a C pointer, so none has that entry.
+    """Compiler options: kernels are not called through a C pointer, so the C entry point is left out.
 
     `_nrt` is numba's counting of references to arrays, half of the time of a call; a kernel must say it, or it has what
     the first kernel that calls it has.
@@ -89,7 +89,7 @@ def _list_options(brief: bool) -> dict[str, bool]:
 
 
 def _vectorize_loops(numba: Any, compiled: Any) -> None:
-    """Have the loops of `compiled`, a dispatcher, compiled to vector code; those of other kernels as ever.
+    """Compile the loops of `compiled`, a dispatcher, to vector code; other kernels are unchanged.
 
     Needed where `_limit_optimisation` took it from all; numba has this choice for a whole process only.
     """
@@ -107,7 +107,7 @@ def _vectorize_loops(numba: Any, compiled: Any) -> None:
 
 
 def _ignore_constants(numba: Any, compiled: Any) -> None:
-    """Have `compiled`, a dispatcher, compiled once for each combination of types.
+    """Compile `compiled`, a dispatcher, once for each combination of types, ignoring constant values.
 
     numba compiles it anew for each constant that another kernel passes, and keeps what it does not need.
     """
@@ -118,19 +118,19 @@ def _ignore_constants(numba: Any, compiled: Any) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# A compiled kernel calls its own copies of the kernels that it calls, independent of what has been loaded before.
+# Private copies of called kernels in each compiled kernel, so that results do not depend on the order of loading.
 #
-# numba puts into a kernel's machine code a copy of every kernel that it calls, optimised once more at that place, and
-# leaves each visible to the loader as one of many. The loader takes the first that comes, also for code that brings its
-# own. With sums that may be reordered two copies round differently; so the last bits of a result depended on the order
-# in which a process had called its kernels, and were others in the process that had compiled them. A replay must not.
+# numba includes in a kernel's machine code a copy of every kernel that it calls, optimised for that call site, and
+# exports each as one of many equivalent symbols. The loader takes the first one, also for code that has its own. With
+# reordered sums two copies round differently; so the last bits of a result depended on the order in which a process had
+# called its kernels, and differed in the process that had compiled them. A replay must be reproducible.
 
 
-_SHARED, _EXPORTED, _OWN = "linkonce_odr", "external", "internal"  #: in LLVM's words
+_SHARED, _EXPORTED, _OWN = "linkonce_odr", "external", "internal"  #: names in LLVM
 
 
 def call_own_copies(codegen: Any) -> None:
-    """Change `codegen`, the module `numba.core.codegen`, so that what is compiled from now on is complete in itself.
+    """Change `codegen`, the module `numba.core.codegen`, so that code compiled from now on is self-contained.
 
     What other kernels are compiled from, and the passes of the optimiser, stay as they are.
     """
@@ -140,7 +140,7 @@ def call_own_copies(codegen: Any) -> None:
     def finish_own(self: Any) -> None:
         module = self._final_module
         if self._shared_module is None and any(not one.is_declaration for one in module.functions):
-            # As `_get_module_for_linking` does, which would come too late.
+            # As `_get_module_for_linking` does, which would be too late.
             self._shared_module = _set_linkage(module.clone(), _EXPORTED, _SHARED)
         _set_linkage(module, _SHARED, _OWN)
         finish(self)
@@ -149,7 +149,7 @@ def call_own_copies(codegen: Any) -> None:
 
 
 def _set_linkage(module: Any, before: str, after: str) -> Any:
-    """`module`, in which the functions of one linkage have got another."""
+    """`module` with one linkage of its functions replaced by another."""
     for function in module.functions:
         if not function.is_declaration and function.linkage.name == before:
             function.linkage = after
@@ -157,18 +157,18 @@ def _set_linkage(module: Any, before: str, after: str) -> Any:
 
 
 # --------------------------------------------------------------------------------------------------
-# What numba finds of an operation's types, found once.
+# Cache of numba's resolved operation types.
 #
-# For each `a * b` of a kernel numba tries one template of `*` after the other, for arrays, strings, lists and sets too,
-# until one fits. The same few operations on numbers and arrays stand in all kernels, and this search was a seventh of
-# the time that they took to compile.
+# For each `a * b` of a kernel numba tries the templates of `*` one after the other, including arrays, strings, lists
+# and sets, until one matches. All kernels use the same few operations on numbers and arrays, and this search took a
+# seventh of their compilation time.
 
 
 _KNOWN = "_haptorb_call_types"  #: attribute of numba's function types: types of arguments → signature
 
 
 def remember_call_types() -> None:
-    """Have numba find the signature of a builtin operation on numbers and arrays once in a process.
+    """Cache the signature of a builtin operation on numbers and arrays for the whole process.
 
     Only of operations that are not compiled themselves: what is compiled depends on the kernel's own settings.
     """
@@ -195,17 +195,17 @@ def remember_call_types() -> None:
 
 
 def _silence_lock() -> None:
-    """Have numba not measure each of the ten thousands of calls of LLVM: these times are not needed."""
+    """Disable numba's timing of each of the ten thousands of LLVM calls, which is not needed."""
     ffi: Any = import_module("llvmlite.binding.ffi")
     register, ffi.register_lock_callback = ffi.register_lock_callback, lambda begin, end: None
     try:
-        import_module("numba.core.base")  # where it registers
+        import_module("numba.core.base")  # registers at import
     finally:
         ffi.register_lock_callback = register
 
 
 def _postpone_linear_algebra() -> None:
-    """Have numba assume that scipy has a BLAS, instead of loading it to see, which is half a second of every start.
+    """Assume that scipy has a BLAS instead of importing it to check, which takes half a second at every start.
 
     No kernel here multiplies matrices by it. One that does loads it when it is compiled, as ever.
     """
@@ -220,7 +220,7 @@ def _postpone_linear_algebra() -> None:
 
 
 def _limit_optimisation(numba: Any) -> None:
-    """Have kernels compiled without the passes that cost much and gain nothing here.
+    """Disable compiler passes that are expensive and have no benefit here.
 
     Most kernels work on three or six numbers in turn: vector code for their loops, and what the third level adds to the
     second, took a third of the time of a first start (docs/decisions/03). Those whose loops run over every magnet of
@@ -233,7 +233,7 @@ def _limit_optimisation(numba: Any) -> None:
 
 
 def _disable_gathers(numba: Any) -> None:
-    """Have tables looked up one number at a time.
+    """Disable gather instructions: table entries are loaded one at a time.
 
     The microcode against "Downfall" (Intel, 2023) makes the vector instruction for it several times slower than single
     loads, and a guest cannot see whether its host has that microcode. Not if the user chose the features already.

@@ -36,18 +36,18 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The array types of the whole package, and the checks that every public door makes.
+# Array types of the whole package, and the checks of every public function's arguments.
 
 
 Array: TypeAlias = NDArray[np.float64]
-#: a structured array: records with named fields, what compiled code remembers
+#: structured array: records with named fields, the state of compiled code
 Records: TypeAlias = NDArray[np.void]
-#: one record of it; compiled code hands it on, Python should not (that is slow)
+#: one record of it; compiled code passes it on, Python should not (slow)
 Record: TypeAlias = Any
 
 
 def fields(*named: tuple[Any, ...]) -> np.dtype[np.void]:
-    """The dtype of a record with these fields, (name, type) or (name, type, shape), laid out as compiled code likes it.
+    """Dtype of a record with these fields, (name, type) or (name, type, shape), in the memory layout for compiled code.
 
     >>> fields(("valid", "?"), ("place", "f8", (3,))).names
     ('valid', 'place')
@@ -87,7 +87,7 @@ def vectors(value: ArrayLike, what: str) -> Array:
 
 
 def rotation(value: ArrayLike, what: str, tolerance: float = 1e-6) -> Array:
-    """`value` as rotation matrices, shape (..., 3, 3), or InputError saying how far it is from one.
+    """`value` as rotation matrices, shape (..., 3, 3), or InputError with its distance from one.
 
     >>> rotation(np.eye(3), "R_SR").shape
     (3, 3)
@@ -104,11 +104,11 @@ def rotation(value: ArrayLike, what: str, tolerance: float = 1e-6) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Values that every tick creates: read-only to the type checker, and fast to create.
+# Values created in every tick: read-only to the type checker, and fast to create.
 #
-# Python freezes a dataclass by setting each field through a slow door: 0.3 µs a field, and a tick makes fifty. A
-# `record` has the same words (`slots`, comparison, `dataclasses.replace`), is made four times faster, and a write to
-# one of its fields is an error of the type checker instead of the interpreter.
+# Python freezes a dataclass by setting each field through `object.__setattr__`: 0.3 µs a field, and a tick creates
+# fifty. A `record` has the same features (`slots`, comparison, `dataclasses.replace`), is created four times faster,
+# and a write to one of its fields is an error of the type checker instead of the interpreter.
 
 
 T = TypeVar("T")
@@ -116,7 +116,7 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True)
 def record(cls: type[T]) -> type[T]:
-    """Make `cls` a dataclass with slots that is read-only once it is made.
+    """Make `cls` a dataclass with slots that is read-only to the type checker.
 
     >>> @record
     ... class Place:
@@ -128,11 +128,11 @@ def record(cls: type[T]) -> type[T]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Directions spread evenly over a part of the sphere.
+# Directions distributed uniformly over a part of the sphere.
 
 
 def cap_directions(half_angle: float, points: int) -> Array:
-    """(points, 3) unit vectors spread evenly (a Fibonacci spiral) over the cap of `half_angle` [rad] about +z.
+    """(points, 3) unit vectors distributed uniformly (a Fibonacci spiral) over the cap of `half_angle` [rad] about +z.
 
     >>> bool((cap_directions(0.5, 20)[:, 2] > np.cos(0.5)).all())
     True
@@ -145,10 +145,10 @@ def cap_directions(half_angle: float, points: int) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# A cubic spline through evenly spaced values, where loading scipy for one would be most of a program's start.
+# Cubic spline through uniformly spaced values, because importing scipy for it would dominate a program's start.
 
 
-_MIN_SPLINE_PLACES = 4  #: with fewer places there is no cubic of the first three intervals
+_MIN_SPLINE_PLACES = 4  #: fewer values do not determine a cubic over the first three intervals
 
 
 def cubic_spline(values: Array, step: float) -> Array:
@@ -172,7 +172,7 @@ def cubic_spline(values: Array, step: float) -> Array:
 
 
 def _solve(right: list[float]) -> Array:
-    """Slopes from the right sides: rows (1, 2), (1, 4, 1) ..., (2, 1), by elimination from above."""
+    """Slopes from the right-hand sides: rows (1, 2), (1, 4, 1) ..., (2, 1), by forward elimination."""
     diagonals, upper = [1.0], [2.0]
     for k in range(1, len(right)):
         last = k == len(right) - 1
@@ -188,11 +188,11 @@ def _solve(right: list[float]) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a part of the chain remembers from tick to tick, as arrays of fixed size: the interface of all such parts.
+# State of a component from tick to tick, as arrays of fixed size: interface of all stateful components.
 #
-# A snapshot copies these arrays into memory that exists already (`haptorb.runtime.tick_state`), so that a loop may take
-# one between two ticks. Most parts change their arrays in place, and there is nothing else to do. What a part holds
-# elsewhere, such as the last estimate, it brings into its arrays in `gather_state`, and takes back in `apply_state`.
+# A snapshot copies these arrays into preallocated memory (`haptorb.runtime.tick_state`), so that a loop may take one
+# between two ticks. Most components change their arrays in place, which needs no further action. State stored
+# elsewhere, such as the last estimate, is copied into the arrays in `gather_state`, and restored in `apply_state`.
 
 
 StateArray: TypeAlias = NDArray[Any]
@@ -200,7 +200,7 @@ _NOTHING: Mapping[str, Any] = {}
 
 
 class Stateful:
-    """A part that may remember something; by default it remembers nothing.
+    """Component with state; by default it is stateless.
 
     state_kind  which of several kinds of part this is, in the names of a recording; empty where there is one only
     """
@@ -209,29 +209,29 @@ class Stateful:
 
     def state_arrays(self) -> Mapping[str, StateArray]:
         """Name → array of float64, int64 or bool, or of records of these; the same arrays in each call, of the same
-        shapes for the same device: all that it remembers, in its own units."""
+        shapes for the same device: its complete state, in its own units."""
         return _NOTHING
 
     def state_parts(self) -> Mapping[str, Stateful]:
-        """Name → its own parts that remember something; the same in each call."""
+        """Name → its own stateful components; the same in each call."""
         return _NOTHING
 
     def gather_state(self) -> None:
-        """Bring into the arrays what is held elsewhere. Within a tick's time: it must not allocate."""
+        """Copy state stored elsewhere into the arrays. Must not allocate: it runs within a tick."""
 
     def apply_state(self) -> None:
-        """The arrays were written: take over what is held elsewhere. Raises ValueError for what cannot be."""
+        """Restore state stored elsewhere from the arrays. Raises ValueError for invalid state."""
 
 
 class _Block:
-    """Memory that is given out piece after piece."""
+    """Memory block with sequential allocation."""
 
     def __init__(self) -> None:
         self._memory = np.zeros(0, dtype=np.uint8)
-        self._given = 0  # bytes
+        self._given = 0  # allocated bytes
 
     def take(self, size: int) -> NDArray[np.uint8]:
-        """(size,) bytes, zero; after those of the last call, unless they do not fit there."""
+        """Allocate (size,) bytes, zero; directly after those of the last call if they fit."""
         if self._given + size > self._memory.size:
             memory = np.zeros(max(_BLOCK, size) + _LINE, dtype=np.uint8)
             self._memory = memory[-memory.__array_interface__["data"][0] % _LINE :]
@@ -240,15 +240,15 @@ class _Block:
         return self._memory[first : first + size]
 
 
-_BLOCK = 1 << 16  #: bytes; all that the chain of a device of this package remembers is less
-_LINE = 64  #: bytes of a line of the processor's cache
-_ALIGNED = 8  #: bytes
+_BLOCK = 1 << 16  #: bytes; more than the state of any device of this package
+_LINE = 64  #: bytes of a cache line
+_ALIGNED = 8  #: alignment in bytes
 _block: ContextVar[_Block | None] = ContextVar("block", default=None)
 
 
 @contextmanager
 def one_block() -> Iterator[None]:
-    """The arrays that `state_zeros` makes within lie side by side in one block of memory: a snapshot copies them at
+    """Allocate the arrays of `state_zeros` within it in one contiguous block: a snapshot copies them at
     once, three times faster than one by one.
 
     >>> with one_block():
@@ -264,7 +264,7 @@ def one_block() -> Iterator[None]:
 
 
 def state_zeros(shape: int | tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
-    """An array of zeros for `state_arrays`; within `one_block`, beside the others that are made there.
+    """Array of zeros for `state_arrays`; within `one_block`, contiguous with the others allocated there.
 
     >>> state_zeros((2, 3)).shape
     (2, 3)
@@ -280,7 +280,7 @@ def make_block(
     shapes: Mapping[str, tuple[int, ...]], **numbers: tuple[str, ...]
 ) -> tuple[dict[str, NDArray[Any]], Any]:
     """Arrays of float64 of these shapes, and a record (1,) of float64 for each of `numbers`, name → its fields; and all
-    numbers of the records in turn. All lie in one block of memory, which a snapshot copies at once.
+    numbers of the records in turn. All are in one contiguous block of memory, which a snapshot copies at once.
 
     Through the numbers, a memoryview, one is written three times faster than in its record.
 
@@ -303,13 +303,13 @@ def make_block(
 
 
 def make_numbers(*names: str) -> tuple[StateArray, Any]:
-    """(1,) a record of float64 with these names, and its numbers in turn, as `make_block` has them."""
+    """(1,) record of float64 with these names, and its numbers in turn, in the form of `make_block`."""
     arrays, cells = make_block({}, numbers=names)
     return arrays["numbers"], cells
 
 
 def choose(number: float, count: int) -> int:
-    """`number` as an index below `count`. Raises ValueError if it is none."""
+    """`number` as an index below `count`. Raises ValueError if it is invalid."""
     if not (0.0 <= number < count and number == int(number)):
         raise ValueError(f"{number!r} is not a whole number below {count}")
     return int(number)

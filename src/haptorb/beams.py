@@ -1,4 +1,4 @@
-"""How a cantilever hook bends: the published compliances (Bai 2012, eqs. 12–13, appendix B) and a beam that is right.
+"""Bending of a cantilever hook: published compliances (Bai 2012, eqs. 12–13, appendix B) and a corrected beam model.
 
 Everything is normalised as in the paper: Δ = δ/h₀, F = f/(E w h₀), lengths by h₀. A contact at x pushes the hook
 sideways with f_y and pulls it along with f_x (tension positive); it gives way by
@@ -51,25 +51,25 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A cantilever hook of a snap-fit: its sizes, its angles, its material, and whether such a hook can exist.
+# Cantilever hook of a snap-fit: sizes, angles, material, and checks of its geometry.
 #
-# Side view, x along the hook from its root, the wedge on the side that meets the other part:
+# Side view, x along the hook from its root, the wedge on the side of the mating part:
 #
 #       root ├────────── base_length ──┐  rear   peak  front
 #            │ thickness               └──/‾‾‾‾‾‾‾‾‾‾\── tip        height is the wedge's, above the base beam
 #
-# Insertion slides over the front face (angle α), pulling apart over the rear face (angle β), both measured from the
+# Insertion slides over the front face (angle α), removal over the rear face (angle β), both measured from the
 # hook's length. Bai 2012, Fig. 6 and Table 3.
 
 
 _MAX_NUMBER = 1e15  #: in SI units
-_THINNEST = 1e-3  #: of the base length: a thinner hook is a foil and no beam
-METALS_FROM = 10e9  #: [Pa] no engineering metal is softer (lead: 16 GPa); what is, was probably misprinted
+_MIN_THICKNESS_RATIO = 1e-3  #: minimum thickness relative to the base length: beam theory does not apply below
+METALS_FROM = 10e9  #: [Pa] lower limit of engineering metals (lead: 16 GPa); a lower value was probably misprinted
 
 
 @dataclass(frozen=True)
 class Hook:
-    """Sizes [m], angles [rad], Young's modulus [Pa]; checked when made.
+    """Sizes [m], angles [rad], Young's modulus [Pa]; checked at construction.
 
     Raises InputError for a number out of range, GeometryError for a wedge whose sizes contradict each other, saying by
     how much (erratum E8: β, h_b and ℓ_m − ℓ_b of Table 3 cannot all hold).
@@ -109,7 +109,7 @@ class Hook:
                     f"hook.{name} must be less than 90°: a vertical face cannot slide; "
                     f"got {math.degrees(getattr(self, name)):.4g}°"
                 )
-        if self.thickness < _THINNEST * self.base_length:
+        if self.thickness < _MIN_THICKNESS_RATIO * self.base_length:
             raise GeometryError(
                 f"hook.thickness ({self.thickness * 1e3:.3g} mm) is next to nothing: less than a thousandth of "
                 f"hook.base_length ({self.base_length * 1e3:.4g} mm); a beam needs a cross-section"
@@ -142,12 +142,12 @@ class Hook:
 
     @property
     def ramp_end(self) -> float:
-        """Where the rear face reaches the wedge's height [m]: ℓ_b + h_b / tan β."""
+        """End of the rear face at the wedge's height [m]: ℓ_b + h_b / tan β."""
         return min(self.base_length + self.height / math.tan(self.rear), self.peak)
 
     @property
     def tip(self) -> float:
-        """ℓ_t, where the front face comes down to the base beam [m]."""
+        """ℓ_t, end of the front face on the base beam [m]."""
         return self.peak + self.height / math.tan(self.front)
 
     @property
@@ -156,7 +156,7 @@ class Hook:
         return 2.0 * (1.0 + self.poisson_ratio)
 
     def ramp_to_peak(self) -> Hook:
-        """The same hook with its rear face straight to the peak: the other way out of erratum E8.
+        """The same hook with its rear face straight to the peak: the other resolution of erratum E8.
 
         >>> round(math.degrees(TABLE_3.ramp_to_peak().rear), 1)
         23.2
@@ -172,13 +172,13 @@ class Hook:
         at = check_finite(x, "x")
         knots = [0.0, self.base_length, self.ramp_end, self.peak, self.tip]
         above = [0.0, 0.0, self.height, self.height, 0.0]
-        if self.ramp_end >= self.peak:  # no flat top: one knot less
+        if self.ramp_end >= self.peak:  # without a flat top: one knot less
             del knots[3], above[3]
         out: Array = self.thickness + np.interp(at, knots, above)
         return out
 
     def remarks(self, metal: bool) -> tuple[str, ...]:
-        """Warnings about a hook that can exist; `metal` names its material.
+        """Warnings about a feasible hook; `metal` names its material.
 
         >>> [remark[:14] for remark in replace(TABLE_3, youngs_modulus=1.13e9).remarks(metal=True)]
         ['youngs_modulus']
@@ -192,7 +192,7 @@ class Hook:
         return tuple(texts)
 
 
-#: The socket of Bai 2012, Table 3, with E = 113 GPa (erratum E7) and a flat top (E8). α is not given: 30° assumed, the
+#: Socket of Bai 2012, Table 3, with E = 113 GPa (erratum E7) and a flat top (E8). α is not given: 30° assumed, the
 #: usual lead-in of a hook; the outlet never touches the front face.
 TABLE_3 = Hook(
     base_length=5.4e-3,
@@ -216,11 +216,11 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 class Compliance(NamedTuple):
-    """Ω₊, Ω₋ and Ωₓ at some contact points, all of the points' shape, without dimension."""
+    """Dimensionless Ω₊, Ω₋ and Ωₓ at contact points, all of the points' shape."""
 
-    plus: Array  #: sideways, by a sideways force
-    minus: Array  #: sideways by a pull, and along the hook by a sideways force
-    along: Array  #: along the hook, by a pull
+    plus: Array  #: sideways, per sideways force
+    minus: Array  #: sideways per pull, and along the hook per sideways force
+    along: Array  #: along the hook, per pull
 
 
 class Appendix(NamedTuple):
@@ -244,7 +244,7 @@ class Appendix(NamedTuple):
 
 
 def appendix_b(hook: Hook, *, deflection: float | None = None, shear_ratio: float = 2.6) -> Appendix:
-    """The closed forms of appendix B for contact on the top of `hook`.
+    """Closed forms of appendix B for contact on the top of `hook`.
 
     deflection    None: H_x = h(x)/h₀ − 1 as (13) demands (erratum E9). A deflection [m]: the printed H_x = 1 + δ/h₀.
     shear_ratio   E/G; (B.2c) prints 2.6
@@ -274,9 +274,9 @@ def _moments(hook: Hook, x: Array) -> Array:
     h0 = hook.thickness
     knots = np.array([0.0, hook.base_length, hook.ramp_end, hook.peak, hook.tip]) / h0
     total = np.zeros((6, len(x)))
-    for start, end in pairwise(knots):  # within a piece the section is straight: Gauss is exact
+    for start, end in pairwise(knots):  # within an interval the section is linear: Gauss quadrature is exact
         beyond, inside = x >= end, (x > start) & (x < end)
-        half = 0.5 * (np.append(x[inside], end) - start)  # the last: all of the piece, for every place beyond it
+        half = 0.5 * (np.append(x[inside], end) - start)  # the last: the whole interval, for every point beyond it
         xi = start + half[:, None] * (1.0 + _NODES)
         h = hook.section(xi * h0) / h0
         bend, lever = 12.0 / h**3, 12.0 / h**2
@@ -326,7 +326,7 @@ def compliance(
     if model == "timoshenko":
         plus = X * X * b0 - 2.0 * X * b1 + b2 + shear * area
         minus = h * (X * b0 - b1) - 0.5 * (X * l0 - l1)
-        along = h * h * b0 - h * l0 + 4.0 * area  # 3 of the 4 by bending, 1 by stretching
+        along = h * h * b0 - h * l0 + 4.0 * area  # 3 of the 4 by bending, 1 by elongation
     else:
         plus = b2 + shear * area  # Eq. (12): up to ℓ_b its integrand gives 4 X³, so one integral serves both terms
         minus = 6.0 * X * (h - 0.5) * b0 / 12.0  # Eq. (13)
@@ -335,10 +335,10 @@ def compliance(
 
 
 class FaceForce(NamedTuple):
-    """What holds a bent hook at some contact points on a sharp-edged face, all of the points' shape."""
+    """Force of a bent hook at contact points on a sharp-edged face, all of the points' shape."""
 
     pull: Array  #: f_x, along the hook, out of the socket positive [N]
-    push: Array  #: f_y, that bends the hook [N]
+    push: Array  #: f_y, the bending force [N]
     turn: Array  #: of the face by the bending [rad]
     shift: Array  #: of the contact along the hook by the bending [m]
 
@@ -346,7 +346,7 @@ class FaceForce(NamedTuple):
 def balance_face(
     hook: Hook, x: ArrayLike, deflection: ArrayLike, slope: float, friction: float, model: Model = "timoshenko"
 ) -> FaceForce:
-    """What an edge on the surface of `hook` at `x` (...) [m] exerts that bends it by `deflection` (...) [m].
+    """Force of an edge on the surface of `hook` at `x` (...) [m] that bends it by `deflection` (...) [m].
 
     slope     of the face [rad], rising towards the tip positive: β on the rear face, −α on the front face
     friction  μ; positive for an edge that is pulled out, negative for one that is pushed in
@@ -385,7 +385,7 @@ def balance_face(
 
 
 def root_strain(hook: Hook, x: ArrayLike, deflection: ArrayLike, plus: ArrayLike) -> Array:
-    """Greatest bending strain at the root of `hook`, bent by `deflection` (...) [m] under a contact at `x` (...) [m].
+    """Maximum bending strain at the root of `hook`, bent by `deflection` (...) [m] under a contact at `x` (...) [m].
 
     ε = 6 X Δ/Ω₊ with `plus` Ω₊ there: the moment F_y X at the root, where the beam has its full thickness h₀. The
     pull's moment, some 3 % with friction on a flat top, is left out.
@@ -434,7 +434,7 @@ def compute_handbook_force(push: float, slope: float, friction: float) -> float:
 
 
 def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33) -> Array:
-    """(points, 2): places along the hook's base [m] and how far each is bent [m], for `deflection` under a load at `x`.
+    """(points, 2): positions along the hook's base [m] and deflections [m], for `deflection` under a load at `x`.
 
     Timoshenko's shape (sideways load only), straight beyond the load: for drawing, and for reading off the slope.
 
@@ -452,33 +452,34 @@ def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33
     X, inside = x / h0, np.minimum(at, x / h0)
     shear = SHEAR_COEFFICIENT * hook.shear_ratio
     b0, b1, b2, _, _, area = _moments(hook, inside)
-    # a unit load at X bends section s by ∫₀ˢ 12 (X − ξ)(s − ξ)/h³ dξ; beyond X the slope stays
+    # a unit load at X bends section s by ∫₀ˢ 12 (X − ξ)(s − ξ)/h³ dξ; beyond X the slope is constant
     bent = X * inside * b0 - (X + inside) * b1 + b2 + shear * area + (at - inside) * (X * b0 - b1)
     whole = compliance(hook, x, "timoshenko").plus
     return np.column_stack([at * h0, bent / whole * deflection])
 
 
 # --------------------------------------------------------------------------------------------------
-# Materials of hooks at 23 °C, each after the data sheet of one grade, for a first comparison of designs.
+# Materials of hooks at 23 °C, each from the data sheet of one grade, for a first comparison of designs.
 #
-# The yield strength is that of tension: for metals the 0.2 % proof stress of the spring or hard temper that hooks are
-# made of, for polymers the stress at yield in a short pull (ISO 527). Polyamide takes up water: "PA66" is dry as
-# moulded, "PA66 conditioned" in equilibrium with air of 50 % humidity (ISO 1110). A polymer bent warm or for long bears
-# less. Poisson's ratio enters the share of shear only.
+# The yield strength is that of tension: for metals the 0.2 % proof stress of the spring or hard temper used for hooks,
+# for polymers the stress at yield in a short-term test (ISO 527). Polyamide absorbs water: "PA66" is dry as moulded,
+# "PA66 conditioned" in equilibrium with air of 50 % humidity (ISO 1110). A polymer bent warm or for long has a lower
+# strength. Poisson's ratio affects the shear contribution only.
 
 
-_ONCE = 0.7  #: of the strain at yield, bent once and for a short time: DSM, "Maximum allowable short-term strain"
-_REPEATED = 0.6  #: of the permissible strain, for hooks that are opened often: the same guide
-_LINEAR = 0.06  #: permissible strain for which the linear beam is still used
+#: of the strain at yield, single short-term bending: DSM, "Maximum allowable short-term strain"
+_SINGLE_USE_SHARE = 0.7
+_REPEATED_USE_SHARE = 0.6  #: of the permissible strain, for hooks that are opened often: the same guide
+_MAX_LINEAR_STRAIN = 0.06  #: maximum permissible strain for which the linear beam is used
 
 
 def _permit(strain_at_yield: float) -> float:
-    """A polymer's permissible strain from the strain at yield of its data sheet."""
-    return round(min(_ONCE * strain_at_yield, _LINEAR), 4)
+    """Permissible strain of a polymer from the strain at yield of its data sheet."""
+    return round(min(_SINGLE_USE_SHARE * strain_at_yield, _MAX_LINEAR_STRAIN), 4)
 
 
 def _sheet(name: str) -> str:
-    """Where a polymer's values are from."""
+    """Source of a polymer's values."""
     return (
         f"{name}; ν assumed; permissible strain: 70 % of the strain at yield (DSM, Maximum allowable short-term "
         "strain), at most 6 %"
@@ -486,7 +487,7 @@ def _sheet(name: str) -> str:
 
 
 def _strip(name: str) -> str:
-    """Where a metal's values are from."""
+    """Source of a metal's values."""
     return f"{name}; permissible strain: yield strength over modulus"
 
 
@@ -494,13 +495,13 @@ _PAPER = "E and ν: Bai 2012, table 3 with erratum E7"
 
 
 class Material(NamedTuple):
-    """What a hook's stiffness and strength follow from."""
+    """Material properties for a hook's stiffness and strength."""
 
     youngs_modulus: float  #: E [Pa]
     poisson_ratio: float  #: ν
     metal: bool
     yield_strength: float  #: [Pa]
-    permissible_strain: float  #: bent once and for a short time
+    permissible_strain: float  #: single short-term bending
     breaking_strain: float  #: in tension
     condition: str  #: temper of a metal, water in a polymer
     source: str
@@ -512,7 +513,7 @@ class Material(NamedTuple):
         >>> round(MATERIALS["PC"].repeated_strain, 4)
         0.0252
         """
-        return self.permissible_strain * (1.0 if self.metal else _REPEATED)
+        return self.permissible_strain * (1.0 if self.metal else _REPEATED_USE_SHARE)
 
 
 MATERIALS = {

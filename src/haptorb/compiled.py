@@ -1,4 +1,4 @@
-"""How kernels are compiled: one decorator, and a cache that notices changed sources.
+"""Compilation of kernels: one decorator, and a cache that detects changed sources.
 
 A kernel is compiled once per machine and kept under the user's cache folder. numba looks only at the file that holds
 a kernel, not at the kernels that it calls; so each file's kernels are kept in a folder named after the state of that
@@ -46,27 +46,27 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Whether kernels may be compiled: where they may not, one that lies in no cache is named instead.
+# Control of compilation: where it is forbidden, a kernel missing in the cache is reported instead.
 #
-# A servo that runs must not compile; it may load what another process has compiled.
+# A running servo must not compile; it may load kernels that another process has compiled.
 
 
-_thread = local()  # `missing`: names of kernels, where compiling is forbidden
+_thread = local()  # `missing`: names of kernels, where compilation is forbidden
 _listeners: list[Callable[[], object]] = []
 
 
 class UncompiledKernelError(Exception):
-    """A kernel lies in no cache, where `forbid_compiling` holds."""
+    """A kernel is not in the cache while `forbid_compiling` is active."""
 
 
 def tell_compiling(tell: Callable[[], object]) -> None:
-    """Have `tell` called whenever this process begins to compile a kernel that lies in no cache."""
+    """Register `tell`, called whenever this process begins to compile a kernel that is not in the cache."""
     _listeners.append(tell)
 
 
 @contextmanager
 def forbid_compiling() -> Iterator[list[str]]:
-    """In this thread a kernel comes out of the cache, or raises UncompiledKernelError when it is called.
+    """In this thread, load kernels from the cache only; one that is missing raises UncompiledKernelError when called.
 
     Yields the names of those that did: who catches everything, as a tick does, swallows the exception.
     """
@@ -79,12 +79,12 @@ def forbid_compiling() -> Iterator[list[str]]:
 
 @cache
 def _watch_compiling() -> None:
-    """Have every kernel of the package ask first whether it may be compiled. What lies in the cache is loaded."""
+    """Check the permission of every kernel of the package before compilation. Kernels in the cache are loaded."""
     from numba.core.event import Event, Listener, register
 
     class Permission(Listener):  # type: ignore[misc]
         def on_start(self, event: Event) -> None:
-            function = getattr(event.data["dispatcher"], "py_func", None)  # a loop that numba takes out has none
+            function = getattr(event.data["dispatcher"], "py_func", None)  # a loop lifted by numba has none
             if function is None or not _is_ours(function):
                 return
             missing: list[str] | None = getattr(_thread, "missing", None)
@@ -102,7 +102,7 @@ def _watch_compiling() -> None:
 
 
 _PACKAGE = Path(__file__).resolve().parent
-_MAX_KEPT_VERSIONS = 4  #: compiled versions of a file kept beside each other, for people who switch branches
+_MAX_KEPT_VERSIONS = 4  #: number of compiled versions of a file in the cache, for users who switch branches
 _IMPORT = re.compile(r"^\s*from haptorb((?:\.\w+)*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -128,7 +128,7 @@ def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
 
 @cache
 def _digest_sources(path: Path) -> bytes:
-    """A digest of what `path` and everything that it imports from the package say; empty for files of others.
+    """Digest of `path` and of everything that it imports from the package; empty for other files.
 
     Taken when the file's first kernel is declared: a source that is edited between that and the first call must not
     pass for what was compiled.
@@ -150,7 +150,7 @@ def _digest_sources(path: Path) -> bytes:
 
 @cache
 def _folder(path: Path) -> str:
-    """Where the kernels of the file `path` are kept, for this account only; "" if there is no such place.
+    """Cache folder of the kernels of the file `path`, private to this account; "" if there is none.
 
     numba's own choice would be the folder of the file: who may write there may have his code executed.
     """
@@ -181,7 +181,7 @@ def _name_state(path: Path) -> str:
 
 @cache
 def _chosen_folder() -> str:
-    """The user's own choice, in NUMBA_CACHE_DIR; "" if there is none, or if others can write there."""
+    """NUMBA_CACHE_DIR of the user; "" if it is not set, or if others can write there."""
     chosen = os.environ.get("NUMBA_CACHE_DIR", "")
     if not chosen:
         return ""
@@ -189,7 +189,7 @@ def _chosen_folder() -> str:
         Path(chosen).mkdir(mode=0o700, parents=True, exist_ok=True)
     shared = explain_shared(Path(chosen))
     if shared:
-        os.environ.pop("NUMBA_CACHE_DIR")  # numba would execute it for other programs' kernels, in children too
+        os.environ.pop("NUMBA_CACHE_DIR")  # numba would also execute it for other programs' kernels, in child processes
         print(f"haptorb: NUMBA_CACHE_DIR {chosen} is not used: it {shared}", file=sys.stderr)
         return ""
     return chosen
@@ -200,12 +200,12 @@ def _find_source(function: Callable[..., Any]) -> Path:
 
 
 def _is_ours(function: Callable[..., Any]) -> bool:
-    source = Path(function.__code__.co_filename)  # of what is typed, no file: "<stdin>"
+    source = Path(function.__code__.co_filename)  # interactive code has no file: "<stdin>"
     return source.is_absolute() and source.resolve().is_relative_to(_PACKAGE)
 
 
 def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any:
-    """numba's: it compiles `function` for each new combination of types."""
+    """numba's dispatcher: it compiles `function` for each new combination of types."""
     load_numba()
     _watch_compiling()
     return compile_function(function, _folder(_find_source(function)), vectors=vectors, brief=brief)
@@ -213,7 +213,7 @@ def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any
 
 @final
 class PostponedKernel:
-    """Stands for a kernel until one is called. Other kernels may call it: numba sees the compiled function."""
+    """Placeholder of a kernel until the first call. Other kernels may call it: numba receives the compiled function."""
 
     def __init__(self, function: Callable[..., Any], vectors: bool = False, brief: bool = False) -> None:
         update_wrapper(self, function)
@@ -224,14 +224,14 @@ class PostponedKernel:
 
     @property
     def compiled(self) -> Any:
-        """numba's dispatcher of the function, made at the first use."""
+        """numba's dispatcher of the function, created at the first use."""
         if self._compiled is None:
             self._compiled = _dispatcher(self._function, self._vectors, self._brief)
         return self._compiled
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba takes it for where another kernel calls it."""
+        """Type of the kernel for numba where another kernel calls it."""
         return self.compiled._numba_type_
 
     def __call__(self, *args: Any) -> Any:
@@ -240,7 +240,7 @@ class PostponedKernel:
         return self.compiled(*args)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # who looks an object over must not load a compiler by that
+        if name.startswith("_"):  # inspection of the object must not load a compiler
             raise AttributeError(name)
         return getattr(self.compiled, name)
 
@@ -252,12 +252,12 @@ _POSTPONED: list[PostponedKernel] = []
 
 
 def load_compiler() -> None:
-    """Load numba, and have every module of haptorb hold compiled functions in place of its postponed kernels."""
+    """Load numba, and replace the placeholders in every module of haptorb by compiled functions."""
     load_numba()
     if not _POSTPONED:
         return
     holders = {postponed.__module__ for postponed in _POSTPONED}
-    _POSTPONED.clear()  # modules that are read from here on get compiled functions at once
+    _POSTPONED.clear()  # modules imported from here on receive compiled functions at once
     for name, module in list(sys.modules.items()):
         if name not in holders and name.partition(".")[0] != "haptorb":
             continue
@@ -283,12 +283,12 @@ def kernel(function: Function) -> Function:
 
 
 def vector_kernel(function: Function) -> Function:
-    """A `kernel` whose loops become vector code: for loops over many numbers, as it takes longer to compile."""
+    """A `kernel` with vectorised loops: for loops over many numbers, as it takes longer to compile."""
     return _compile(function, vectors=True)
 
 
 def tick_kernel(function: Function) -> Function:
-    """A `kernel` that Python calls in every tick: it makes and returns no array, and is over within microseconds.
+    """A `kernel` that Python calls in every tick: it does not create or return an array, and takes microseconds.
 
     So no references are counted, which halves the time of a call, and the interpreter lock is not released: to get it
     back may take longer than the kernel.
@@ -297,16 +297,17 @@ def tick_kernel(function: Function) -> Function:
 
 
 # --------------------------------------------------------------------------------------------------
-# Arrays laid end to end in one: compiled code that is handed one array for a dozen begins a microsecond sooner.
+# Packing of arrays into one: a call into compiled code with one array instead of a dozen is a microsecond faster.
 #
-# Every array that Python passes is inspected in every call, and is somewhere else in memory.
+# numba inspects every array that Python passes in every call, and each is at another memory address.
 
 
-_HEAD = 3  #: numbers about each: where it begins, rows, columns
+_HEAD = 3  #: header entries per array: offset, rows, columns
 
 
 def pack(*parts: ArrayLike) -> Array:
-    """(n,) all `parts` (…, columns), each as rows of its last axis, behind a table of where they are. Units are kept.
+    """(n,) all `parts` (…, columns), each as rows of its last axis, after a table of their offsets. Units are
+    unchanged.
 
     >>> part(pack([1.0, 2.0], [[3.0], [4.0]]), 1).tolist()
     [[3.0], [4.0]]
@@ -320,7 +321,7 @@ def pack(*parts: ArrayLike) -> Array:
 
 @kernel
 def part(blob: Array, number: int) -> Array:
-    """(rows, columns) part `number` of what `pack` made: a view, in the part's own unit."""
+    """(rows, columns) part `number` of a packed array: a view, in the part's own unit."""
     start, rows, columns = int(blob[3 * number]), int(blob[3 * number + 1]), int(blob[3 * number + 2])
     view: Array = blob[start : start + rows * columns].reshape((rows, columns))
     return view

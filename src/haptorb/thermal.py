@@ -1,4 +1,4 @@
-"""Heat in coils: one coil (winding, body, air), and several that warm each other."""
+"""Thermal models: one coil (winding, body, air), and several coupled coils."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["ThermalNetwork", "TwoNode", "heat_step", "network_step", "single_tim
 
 
 # --------------------------------------------------------------------------------------------------
-# Heat in one coil: winding → body → air, two bodies in a row, solved exactly.
+# Thermal model of one coil: winding → body → air, two nodes in series, solved exactly.
 #
 #     C_w dx_w/dt = P − G_wb (x_w − x_b)            x: rise above the ambient temperature [K]
 #     C_b dx_b/dt = G_wb (x_w − x_b) − G_ba x_b
 #
 # Zárate 2020 prints three endurances of its coils: 17 W continuously (§III), full power for 5 s and half duty for 60 s
-# (§V). One body cannot hold them together: it would need a time constant of 65 s for one and of 171 s for the other.
-# Two can. Left out: radiation, and the coils' heating of each other.
+# (§V). One node cannot reproduce all of them: it would need a time constant of 65 s for one and of 171 s for the other.
+# Two nodes can. Neglected: radiation, and the coupling of the coils.
 
 
 _THERMAL_DRIVES = ("power", "current", "voltage")
@@ -31,7 +31,8 @@ _THERMAL_DRIVES = ("power", "current", "voltage")
 
 @kernel
 def heat_step(step: Array, winding: float, body: float, ambient: float, power: float) -> tuple[float, float]:
-    """Temperatures [K] of winding and body one step later; `step` (2, 3) from `TwoNode.step`, power [W] held in it."""
+    """Temperatures [K] of winding and body one step later; `step` (2, 3) from `TwoNode.step`, power [W] constant in
+    it."""
     w, b = winding - ambient, body - ambient
     return (
         ambient + step[0, 0] * w + step[0, 1] * b + step[0, 2] * power,
@@ -41,7 +42,7 @@ def heat_step(step: Array, winding: float, body: float, ambient: float, power: f
 
 @dataclass(frozen=True)
 class TwoNode:
-    """Two heat capacities [J/K] in a row with two conductances [W/K]; all rises are above the ambient [K].
+    """Two heat capacities [J/K] in series with two conductances [W/K]; all rises are above the ambient [K].
 
     >>> coil = TwoNode(15.0, 73.0, 1.9, 1 / 3)
     >>> coil.steady_rise(17.0).round(2).tolist()
@@ -77,7 +78,7 @@ class TwoNode:
 
     @property
     def time_constants(self) -> tuple[float, float]:
-        """The winding's fast and the whole's slow time constant [s]."""
+        """Fast time constant of the winding and slow one of the whole coil [s]."""
         _, rates = self._system()
         return float(-1 / rates[0]), float(-1 / rates[1])
 
@@ -87,7 +88,7 @@ class TwoNode:
         return np.array([body + power / self.winding_to_body, body])
 
     def step(self, dt: float) -> Array:
-        """(2, 3) exact step over `dt` [s]: rises after = step @ (winding rise, body rise, power held in between).
+        """(2, 3) exact step over `dt` [s]: rises after = step @ (winding rise, body rise, power constant in between).
 
         Raises InputError for a negative time.
 
@@ -123,7 +124,7 @@ class TwoNode:
         drive: str = "power",
         coefficient: float = 3.93e-3,
     ) -> float:
-        """Time [s] until the winding's rise is `rise` [K] under a load of `power` [W] at zero rise; inf if it never is.
+        """Time [s] until the winding's rise is `rise` [K] under a load of `power` [W] at zero rise; inf if never.
 
         drive says what is held while the wire's resistance grows with `coefficient` [1/K] of its value at ambient:
         "power": the power itself; "current": power grows with resistance, which may run away; "voltage": power falls.
@@ -154,7 +155,7 @@ class TwoNode:
     def _first_crossing(self, rise: float, power: float, begin: Array, heating: float) -> float:
         rate, (fast, slow) = self._system(heating)
         source = np.array([power / self.winding_capacity, 0.0])
-        if abs(slow) < 1e-12:  # at the very edge of running away no steady state exists; a hair off it one does
+        if abs(slow) < 1e-12:  # on the boundary of thermal runaway there is no steady state; a tiny offset gives one
             return self._first_crossing(rise, power, begin, heating * (1 - 1e-9))
         steady = -np.linalg.solve(rate, source)
         gap = begin - steady
@@ -165,7 +166,7 @@ class TwoNode:
         def above(t: float) -> float:
             return float(steady[0] - rise + one * np.exp(fast * t) + two * np.exp(slow * t))
 
-        # Two exponentials turn at most once: a summit may reach the rise before the slow one falls away from it.
+        # A sum of two exponentials has at most one extremum: a maximum may reach the rise before the slow one decays.
         if one * two != 0.0 and -one * fast / (two * slow) > 0.0:
             turn = float(np.log(-one * fast / (two * slow)) / (slow - fast))
             if turn > 0.0 and above(turn) >= 0.0:
@@ -186,7 +187,7 @@ class TwoNode:
         step = self.step(dt)
         x, t = begin, 0.0
         while t < 40 * slow:
-            # Power at the winding's rise halfway through the step: second order, far below the model's own error.
+            # power at the winding's rise halfway through the step: second order, far below the model's own error
             guess = step @ np.array([*x, power / (1 + coefficient * x[0])])
             after = step @ np.array([*x, power / (1 + coefficient * (x[0] + guess[0]) / 2)])
             if after[0] >= rise:
@@ -198,13 +199,13 @@ class TwoNode:
 
 
 def _root(function: Callable[[float], float], low: float, high: float, xtol: float = 1e-12) -> float:
-    from scipy.optimize import brentq  # a quarter of a second that only those who look for times should wait
+    from scipy.optimize import brentq  # imported here: it takes 0.25 s, which only callers of this method should pay
 
     return float(brentq(function, low, high, xtol=xtol, rtol=1e-12))
 
 
 def single_time_constant(power: float, time: float, sustained: float) -> float:
-    """The time constant [s] of one body that withstands `power` [W] for `time` [s] and `sustained` [W] continuously.
+    """Time constant [s] of one node that withstands `power` [W] for `time` [s] and `sustained` [W] continuously.
 
     Raises InputError where no time constant could do it.
 
@@ -217,26 +218,26 @@ def single_time_constant(power: float, time: float, sustained: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Heat in several coils that warm each other: windings, a body around each, one core between them, air outside.
+# Thermal model of several coupled coils: windings, a body around each, one core between them, air outside.
 #
 #     C_w dw_j/dt = P_j − G_wb (w_j − b_j) − G_wc,j (w_j − c)      rises above the ambient temperature [K]
 #     C_b db_j/dt = G_wb (w_j − b_j) − G_ba b_j
 #     C_c dc/dt   = Σ_j G_wc,j (w_j − c)
 #
 # Fourier's law between nodes, for nested coils as those of Zárate 2020. Any network of capacities and conductances is
-# solved, exactly: with symmetric conductances its modes are real, and every course is a sum of exponentials. Without a
-# core it is one `TwoNode` for each coil. Left out: radiation, and convection that grows with the rise.
+# solved, exactly: with symmetric conductances its modes are real, and every response is a sum of exponentials. Without
+# a core it is one `TwoNode` for each coil. Neglected: radiation, and convection that increases with the rise.
 
 
 _THERMAL_NETWORK_DRIVES = ("power", "current")
-_MOMENTS = 400  #: at which a course is looked at before a crossing is found exactly
-_RUNAWAY = 500.0  #: exponent of a course beyond every temperature, whose square is still a number
-_SETTLED_TIME_CONSTANTS = 40.0  #: after so many of the slowest time constants everything has settled
+_SAMPLES = 400  #: number of samples of a response before a crossing is found exactly
+_MAX_EXPONENT = 500.0  #: exponent of a response beyond any temperature, whose square is still finite
+_SETTLED_TIME_CONSTANTS = 40.0  #: settling time in units of the slowest time constant
 
 
 @kernel
 def network_step(step: Array, rises: Array, power: Array, out: Array) -> None:
-    """Write the `rises` (n,) [K] of all nodes one step later into `out` (n,); `power` (m,) [W] is held in it.
+    """Write the `rises` (n,) [K] of all nodes one step later into `out` (n,); `power` (m,) [W] is constant in it.
 
     step (n, n + m) is `ThermalNetwork.step`.
     """
@@ -290,7 +291,7 @@ class ThermalNetwork:
 
     @classmethod
     def of_coils(cls, coil: TwoNode, to_core: ArrayLike, core_capacity: float) -> ThermalNetwork:
-        """Coils that are alike, winding and body each, around one core: nodes are the windings, the bodies, the core.
+        """Identical coils, winding and body each, around one core: nodes are the windings, the bodies, the core.
 
         to_core (m,) [W/K] is the conductance of each winding to the core, `core_capacity` in [J/K]. With zero
         conductances there is no core.
@@ -330,7 +331,7 @@ class ThermalNetwork:
         return np.asarray(np.linalg.solve(self._outflow(), self._source(power)), dtype=np.float64)
 
     def step(self, dt: float) -> Array:
-        """(n, n + m) exact step over `dt` [s]: rises after = step @ (rises, powers held in between).
+        """(n, n + m) exact step over `dt` [s]: rises after = step @ (rises, powers constant in between).
 
         Raises InputError for a negative time.
         """
@@ -382,18 +383,19 @@ class ThermalNetwork:
 
         slowest = np.abs(rates)[np.abs(rates) > 1e-12].min(initial=np.inf)
         end = _SETTLED_TIME_CONSTANTS / min(slowest, float(np.abs(rates).max()))
-        moments = np.geomspace(1e-4 / float(np.abs(rates).max()), end, _MOMENTS)
+        moments = np.geomspace(1e-4 / float(np.abs(rates).max()), end, _SAMPLES)
         course = self._course(moments, source, begin, heating)[:, :m].max(axis=1)
         beyond = np.flatnonzero(course >= rise)
         if not len(beyond):
             return float("inf")
-        from scipy.optimize import brentq  # a quarter of a second that only those who look for times should wait
+        # imported here: it takes 0.25 s, which only callers of this method should pay
+        from scipy.optimize import brentq
 
         first = int(beyond[0])
         return float(brentq(above, moments[first - 1] if first else 0.0, moments[first], xtol=1e-10, rtol=1e-12))
 
     def _outflow(self) -> Array:
-        """(n, n) [W/K]: heat that leaves each node per kelvin of every node."""
+        """(n, n) [W/K]: heat flow out of each node per kelvin of every node."""
         flow: Array = np.diag(self.exchange.sum(axis=1) + self.to_air) - self.exchange
         return flow
 
@@ -427,7 +429,7 @@ class ThermalNetwork:
 
     def _course(self, t: Array, source: Array, begin: Array, heating: Array) -> Array:
         rates, modes, root = self._modes(heating)
-        remaining = np.exp(np.minimum(rates * t[..., None], _RUNAWAY)) * (modes.T @ (root * begin))
+        remaining = np.exp(np.minimum(rates * t[..., None], _MAX_EXPONENT)) * (modes.T @ (root * begin))
         driven = _integral(rates, t[..., None]) * (modes.T @ (source / root))
         rises: Array = (remaining + driven) @ modes.T / root
         return rises
@@ -435,7 +437,7 @@ class ThermalNetwork:
 
 def _integral(rates: Array, t: Array | float) -> Array:
     """∫ e^(λs) ds from 0 to `t` for each of the `rates` λ; t itself where λ is zero."""
-    product = np.minimum(rates * t, _RUNAWAY)
+    product = np.minimum(rates * t, _MAX_EXPONENT)
     small = np.abs(product) < 1e-12
     integral: Array = np.where(small, t, np.expm1(product) / np.where(small, 1.0, rates))
     return integral

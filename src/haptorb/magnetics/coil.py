@@ -1,4 +1,4 @@
-"""A round coil with a winding volume: field to a wanted precision, and what an electrician asks of it."""
+"""Round coil with a winding volume: field to a given precision, resistance, inductance and heat capacity."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A round winding's field to a wanted precision: current sheets, integrated over the wall by bisected Gauss rules.
+# Field of a round winding to a given precision: current sheets, integrated over the wall by adaptive Gauss rules.
 
 
-_DEPTH = 48  #: bisections of one piece of the wall's thickness
-_PIECES = 1000  #: pieces for one point before a precision is given up
+_MAX_DEPTH = 48  #: maximum depth of bisection of one interval of the wall's thickness
+_MAX_INTERVALS = 1000  #: maximum number of intervals for one point
 _COARSE_X, _COARSE_W = np.polynomial.legendre.leggauss(8)
 _FINE_X, _FINE_W = np.polynomial.legendre.leggauss(13)
 
@@ -63,18 +63,18 @@ def _panel(left: float, right: float, h: float, rho: float, z: float, order: int
 def _integral(
     inner: float, outer: float, h: float, rho: float, z: float, wanted: float, gradient: bool
 ) -> tuple[float, float, float, float, float]:
-    """Components over the whole wall, how far the two Gauss rules differ (bisected until small), and Σ|panels|.
+    """Components over the whole wall, difference of the two Gauss rules (bisected until small), and Σ|panels|.
 
     The wall is cut where the point's own radius crosses it, as the sheets' field is not smooth there.
     """
-    left, right, level = np.empty(_DEPTH + 4), np.empty(_DEPTH + 4), np.empty(_DEPTH + 4, np.int64)
+    left, right, level = np.empty(_MAX_DEPTH + 4), np.empty(_MAX_DEPTH + 4), np.empty(_MAX_DEPTH + 4, np.int64)
     left[0], right[0], level[0] = inner, outer, 0
     count = 1
     if inner < rho < outer:
         right[0] = rho
         left[1], right[1], level[1] = rho, outer, 0
         count = 2
-    lever = max(rho, 0.1 * outer)  # what turns B_ρ/ρ into a field to compare errors with
+    lever = max(rho, 0.1 * outer)  # lever arm that converts B_ρ/ρ to a field for the error estimate
     total_over, total_axial, total_shear, error, gross = 0.0, 0.0, 0.0, 0.0, 0.0
     spent = 0
     while count:
@@ -89,9 +89,9 @@ def _integral(
         else:
             off = max(lever * abs(o1 - o0), abs(z1 - z0))
             size = max(lever * abs(o1), abs(z1))
-        # a share of the tolerance in proportion to width or to size: whichever forgives more
+        # tolerance in proportion to width or to magnitude, whichever is larger
         share = max((b - a) / (outer - inner) * (gross + size), size)
-        if off > 0.2 * wanted * share and deep < _DEPTH and spent < _PIECES and b - a > 1e-11 * outer:
+        if off > 0.2 * wanted * share and deep < _MAX_DEPTH and spent < _MAX_INTERVALS and b - a > 1e-11 * outer:
             middle = 0.5 * (a + b)
             left[count], right[count], level[count] = a, middle, deep + 1
             left[count + 1], right[count + 1], level[count + 1] = middle, b, deep + 1
@@ -110,7 +110,8 @@ def winding_field(
     points: Array, shape: Array, c: Array, density: float, wanted: float, far2: float, out: Array, bound: Array,
     gross: Array,
 ) -> None:  # fmt: skip
-    """Fill out (n, 3) [T] with the field at points (n, 3) [m], bound (n,) with its error, gross (n,) before cancelling.
+    """Fill out (n, 3) [T] with the field at points (n, 3) [m], bound (n,) with its error, gross (n,) before
+    cancellation.
 
     shape (3,): inner and outer radius, half length [m]; c, far2: the zonal series for points beyond √far2; density:
     [T/m] of one ampere; wanted: relative precision.
@@ -134,7 +135,7 @@ def winding_gradient(
     points: Array, shape: Array, c: Array, density: float, wanted: float, far2: float, out: Array, bound: Array,
     gross: Array,
 ) -> None:  # fmt: skip
-    """As `winding_field`, of the gradient: out (n, 3, 3) [T/m], bound and gross [T/m]."""
+    """Gradient as in `winding_field`: out (n, 3, 3) [T/m], bound and gross [T/m]."""
     inner, outer, h = shape
     for n in range(points.shape[0]):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
@@ -148,7 +149,8 @@ def winding_gradient(
             over, stretch, shear = density * over, density * stretch, density * shear
             error, whole = density * error, density * whole
         tensor(x, y, over, stretch, shear, out[n])
-        if inner * inner < rho2 < outer * outer and abs(z) < h:  # in the wire curl B = μ0 J: ∂B_z/∂ρ lacks it so far
+        # in the wire curl B = μ0 J: ∂B_z/∂ρ does not contain it yet
+        if inner * inner < rho2 < outer * outer and abs(z) < h:
             out[n, 2, 0] -= density * x / np.sqrt(rho2)
             out[n, 2, 1] -= density * y / np.sqrt(rho2)
         bound[n], gross[n] = error, whole
@@ -163,7 +165,7 @@ _SERIES_X, _SERIES_W = np.polynomial.legendre.leggauss(17)
 
 @final
 class Coil(RoundBody):
-    """Thick round coil: turns of wire that fill a rectangular cross-section evenly; per ampere.
+    """Thick round coil: turns of wire that fill a rectangular cross-section uniformly; per ampere.
 
     A positive current is right-handed about +z.
 
@@ -268,7 +270,7 @@ class Coil(RoundBody):
         return np.repeat(middle + half * x, along), np.tile(0.5 * self.length * y, across), turns
 
     def resistance(self, fill: float, resistivity: float = COPPER_RESISTIVITY) -> float:
-        """Resistance [Ω] when conductor fills the share `fill` of the winding section: ρ 2πr̄N²/(fill·section).
+        """Resistance [Ω] for the fill factor `fill` of the winding section: ρ 2πr̄N²/(fill·section).
 
         >>> round(Coil(1000, 4.764e-3, 15.88e-3, 7.62e-3).resistance(0.6), 2)
         22.0
@@ -277,7 +279,7 @@ class Coil(RoundBody):
         return float(resistivity * 2 * np.pi * mean * self.turns**2 / (_share(fill) * self._section))
 
     def heat_capacity(self, fill: float) -> float:
-        """[J/K] of the copper in the winding (insulation and former left out)."""
+        """[J/K] of the copper in the winding (without insulation and former)."""
         volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
         return float(_share(fill) * volume * COPPER_DENSITY * COPPER_SPECIFIC_HEAT)
 
@@ -314,7 +316,7 @@ def _relative(precision: float) -> float:
 
 
 def _check_precision(bound: Array, gross: Array, precision: float, points: Array) -> None:
-    """PrecisionError unless every bound is below `precision` of what the turns give before they cancel."""
+    """Raise PrecisionError unless every bound is below `precision` of the field of the turns before cancellation."""
     short = ~(bound <= max(precision, 1e-13) * gross)
     if short.any():
         worst = int(np.argmax(np.where(short, np.nan_to_num(bound / gross, nan=np.inf), 0)))
@@ -324,7 +326,7 @@ def _check_precision(bound: Array, gross: Array, precision: float, points: Array
         )
 
 
-@lru_cache(maxsize=64)  # a search for a motor builds thousands with the same coils
+@lru_cache(maxsize=64)  # a search for a motor creates thousands with the same coils
 def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
     """L/N² [H] of a winding of inner and outer radius and length [m]; see `Coil.inductance`."""
     edges = np.concatenate([np.linspace(0, 1500 / ro, 1501)])
@@ -339,7 +341,7 @@ def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Field of a coil centred on a soft sphere, with the sphere's, outside both: zonal harmonics about the coil's axis.
+# Field of a coil centred on a soft sphere, including the sphere's, outside both: zonal harmonics about the coil's axis.
 #
 # A loop at (ρ, z), s = √(ρ² + z²) from the centre, c = z/s, has on its axis the field Σ b_l x^(l−1) inside s, and Σ b_l
 # s^(2l+1)/x^(l+2) outside, with b_l = μ0 N (1 − c²) P_l'(c)/(2 s^l) per ampere. The sphere of radius a responds to the
@@ -351,8 +353,8 @@ def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
 # about the centre the even degrees vanish. Terms fall as (s/x)^l.
 
 
-_NODES = 12  #: of the Gauss sums over the winding's section, each way
-_LEFT_OUT = 1e-6  #: relative, of the first neglected term
+_NODES = 12  #: per direction, of the Gauss sums over the winding's section
+_TRUNCATION = 1e-6  #: relative magnitude of the first neglected term
 _MAX_DEGREE = 151  #: degrees
 
 
@@ -376,7 +378,7 @@ class CentredCoil:
             raise GeometryError(
                 f"points {nearest * 1e3:g} mm from the centre are within coil or core: {reach * 1e3:g} mm"
             )
-        order = int(min(_MAX_DEGREE, 3 + np.log(_LEFT_OUT) / np.log(reach / nearest)))
+        order = int(min(_MAX_DEGREE, 3 + np.log(_TRUNCATION) / np.log(reach / nearest)))
         degrees = np.arange(1, order + 1, 2)
         radii, heights, turns = coil.filaments(_NODES, _NODES)
         far = np.hypot(radii, heights)
@@ -391,7 +393,7 @@ class CentredCoil:
         self._strengths: Array = (own + core_part) / (degrees + 1)  # k_l/reach^(l+1) [T·m]
 
     def terms(self, reach: float, count: int) -> Array:
-        """(count,) [T·m/A] strengths of the odd degrees for lengths in units of `reach` [m], zeros after the last."""
+        """(count,) [T·m/A] strengths of the odd degrees for lengths in units of `reach` [m], padded with zeros."""
         degrees = 2 * np.arange(len(self._strengths)) + 1
         out = np.zeros(count)
         scaled = self._strengths * (self._reach / reach) ** (degrees + 1)
@@ -426,7 +428,7 @@ def coil_and_core(coil: Coil, core: SoftSphere, points: Array) -> Array:
     radii, heights, turns = coil.filaments(_NODES, _NODES)
     far = np.hypot(radii, heights)
     ratio = core.radius**2 / (float(far.min()) * float(x.min()))
-    order = int(min(_MAX_DEGREE, 3 + np.log(_LEFT_OUT) / np.log(min(ratio, 0.99))))
+    order = int(min(_MAX_DEGREE, 3 + np.log(_TRUNCATION) / np.log(min(ratio, 0.99))))
     degrees = np.arange(1, order + 1, 2)
     c = heights / far
     loops = 0.5 * MU0 * turns * (1 - c * c) * _list_slopes(c, order)[degrees]
@@ -443,7 +445,7 @@ def coil_and_core(coil: Coil, core: SoftSphere, points: Array) -> Array:
 
 
 def _list_slopes(c: Array, order: int) -> Array:
-    """(order + 1, …) P_l'(c) of the Legendre polynomials to degree `order`."""
+    """(order + 1, …) P_l'(c) of the Legendre polynomials up to degree `order`."""
     out = np.zeros((order + 1, *np.shape(c)))
     value, before = np.asarray(c), np.ones_like(c)
     out[1] = 1.0
@@ -454,21 +456,22 @@ def _list_slopes(c: Array, order: int) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# The field of a round winding as a table for a servo: cubic splines near it, a short series of harmonics far from it.
+# Table of a round winding's field for the servo: cubic splines near it, a short series of harmonics far from it.
 #
-# The table holds what `Coil` computes in closed form: B_ρ/ρ and B_z per ampere and turn at even steps in ρ and z, both
-# with their parity in ρ and z built in, within `FAR_RADII` bounding radii. A uniform cubic B-spline through the values
-# is smooth to the second derivative and misses a field that varies over the distance d by about 0.06 (step/d)⁴. Beyond,
-# the zonal series of `zonal` is cut at a term that leaves less. Both are checked against `Coil` in the tests; in the
-# winding itself and nearer to it than four steps the table is coarse.
+# The table has the values that `Coil` computes in closed form: B_ρ/ρ and B_z per ampere and turn at uniform steps in ρ
+# and z, with their parity in ρ and z built in, within `FAR_RADII` bounding radii. A uniform cubic B-spline through the
+# values is smooth to the second derivative; for a field that varies over the distance d its error is about
+# 0.06 (step/d)⁴. Beyond, the zonal series of `zonal` is truncated below that error. The tests check both against
+# `Coil`; in the winding itself and nearer to it than four steps the table is coarse.
 
 
-FAR_RADII = 2.5  #: bounding radii within which the table holds
-_CELLS = 96  #: steps from the middle to the end of the table's range, along ρ and along z
-_BEYOND = 8  #: steps that are tabulated beyond it, so that the spline's end conditions die out
-_PRECISION = 1e-7  #: of the values in the table
+FAR_RADII = 2.5  #: range of the table in bounding radii
+_CELLS = 96  #: steps from the centre to the end of the table's range, along ρ and along z
+_MARGIN_STEPS = 8  #: additional steps beyond it, so that the spline's end conditions decay
+_TABLE_PRECISION = 1e-7  #: relative precision of the values in the table
 _1, _2, _3, _4, _5, _6, _7 = (np.uint64(k) for k in range(1, 8))
-_NEAR_TERMS, _MIDDLE_TERMS, _FAR_TERMS = 7, 4, 2  #: of the series beyond the table, and from 2.4 and 11 times as far
+#: number of terms of the series beyond the table, and from 2.4 and 11 times as far
+_NEAR_TERMS, _MIDDLE_TERMS, _FAR_TERMS = 7, 4, 2
 
 
 @kernel
@@ -512,7 +515,7 @@ def table_field(table: Array, scale: float, far2: float, series: Array, rho: flo
     w1, w2 = 2.0 / 3.0 - 0.5 * w * w * (1.0 + b), 2.0 / 3.0 - 0.5 * b * b * (1.0 + w)
     width = 2 * table.shape[0]
     over, axial = 0.0, 0.0
-    at = np.uint64(j * width + 2 * i)  # unsigned: an index that may be negative costs a test in each place
+    at = np.uint64(j * width + 2 * i)  # unsigned: a possibly negative index costs a test at each access
     for k in range(4):
         share = w0
         if k == 1:
@@ -529,7 +532,7 @@ def table_field(table: Array, scale: float, far2: float, series: Array, rho: flo
 
 @dataclass(frozen=True)
 class WindingTable:
-    """The field of one turn's ampere in a winding of a given size; multiply by the turns."""
+    """Field per ampere of one turn of a winding of a given size; multiply by the number of turns."""
 
     table: Array  #: (n, n, 2) spline coefficients over z and ρ: of B_ρ/ρ [T/m] and B_z [T]
     scale: float  #: steps per metre [1/m]
@@ -553,7 +556,7 @@ def _fill(table: Array, scale: float, far2: float, series: Array, points: Array,
 
 @lru_cache(maxsize=64)
 def tabulate_winding(inner_radius: float, outer_radius: float, length: float) -> WindingTable:
-    """The table of a winding of these sizes [m]: about half a second, once for all windings alike.
+    """Table of a winding of these sizes [m]: about half a second, cached for all windings of the same size.
 
     Raises InputError for sizes that make no winding.
 
@@ -563,9 +566,9 @@ def tabulate_winding(inner_radius: float, outer_radius: float, length: float) ->
     >>> bool(np.abs(thick.field(at) - exact.field(at)).max() < 1e-5 * np.abs(exact.field(at)).max())
     True
     """
-    coil = Coil(1, inner_radius, outer_radius, length, precision=_PRECISION)
+    coil = Coil(1, inner_radius, outer_radius, length, precision=_TABLE_PRECISION)
     reach = FAR_RADII * coil.bounding_radius
-    step, count = reach / _CELLS, _CELLS + _BEYOND + 1
+    step, count = reach / _CELLS, _CELLS + _MARGIN_STEPS + 1
     even = step * np.arange(count)
     even[0] = 1e-6 * step  # B_ρ/ρ on the axis itself is the limit
     points = np.zeros((count, count, 3))
@@ -603,10 +606,10 @@ def _expand(series: Array, reach: float) -> Array:
 
 
 def _spline_matrix(count: int, parity: float) -> Array:
-    """Coefficients → values of a uniform cubic B-spline that is even (parity 1) or odd (−1) at its first node."""
+    """Matrix from coefficients to values of a uniform cubic B-spline, even (parity 1) or odd (−1) at its first node."""
     matrix = (np.diag(np.full(count, 4.0)) + np.diag(np.ones(count - 1), 1) + np.diag(np.ones(count - 1), -1)) / 6.0
     matrix[0, 1] *= 1.0 + parity
-    matrix[-1] = 0.0  # straight at the end
+    matrix[-1] = 0.0  # linear at the end
     matrix[-1, -1] = 1.0
     return matrix
 

@@ -1,4 +1,4 @@
-"""Force, torque and flux linkage between bodies at any pose, to a wanted precision.
+"""Force, torque and flux linkage between bodies at any pose, to a given precision.
 
 The source's field is taken where the target's currents flow: F = ∮ I dl × B over the target's filaments (Gauss points
 across and along, equal steps around, so that every direction converges exponentially). Field evaluations are cheap in
@@ -33,7 +33,7 @@ LEVELS = (
     (29, 22, 210),
     (42, 32, 300),
 )
-_ROUNDING = 4e-15  #: what summing leaves, relative to the sum of magnitudes
+_ROUNDING = 4e-15  #: rounding error of a sum, relative to the sum of magnitudes
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ def _elements(target: RoundBody, level: tuple[int, int, int], place: Array, R: A
 def _refine(
     integral: Callable[[tuple[int, int, int]], tuple[Array, Array]], precision: float, what: str
 ) -> BoundedValue:
-    """Run through LEVELS until two in a row agree: the coarser one's error is the bound of the finer one's."""
+    """Evaluate LEVELS in turn until two agree: the coarser one's error is the bound of the finer one's."""
     if not 0 < float(check_finite(precision, "precision")) < 1:
         raise InputError(f"precision must be a relative error between 0 and 1; got {precision!r}")
     best: tuple[float, BoundedValue] | None = None

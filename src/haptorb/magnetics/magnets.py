@@ -18,12 +18,12 @@ __all__ = ["ChargedRing", "CylinderMagnet", "RingMagnet", "charge_field", "dipol
 
 
 # --------------------------------------------------------------------------------------------------
-# A full round magnet, magnetized uniformly along its axis: exact field inside and outside.
+# Solid round magnet, magnetised uniformly along its axis: exact field inside and outside.
 
 
 @final
 class CylinderMagnet(RoundBody):
-    """Full round magnet, magnetised uniformly along its axis: exact field inside and outside.
+    """Solid round magnet, magnetised uniformly along its axis: exact field inside and outside.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class CylinderMagnet(RoundBody):
 
 
 # --------------------------------------------------------------------------------------------------
-# A ring magnet (a cylinder with a round hole), magnetized uniformly along its axis: exact field everywhere.
+# Ring magnet (a cylinder with a round hole), magnetised uniformly along its axis: exact field everywhere.
 
 
 @final
@@ -170,13 +170,13 @@ class RingMagnet(RoundBody):
 
 
 # --------------------------------------------------------------------------------------------------
-# A magnetised ring as the magnetic charge on its two end faces, and what a point dipole does to it.
+# Magnetised ring as magnetic charge on its two end faces, and the wrench of a point dipole on it.
 #
 # Uniform axial magnetisation M = Br/μ0 has no charge inside and ±M per area on the faces. The force on it in a field B
 # is therefore the sum of q B over the faces, exactly, wherever B is free of curl and divergence. The faces are annuli:
-# Gauss nodes in ρ² and even steps in azimuth integrate every harmonic function on them to a known degree, and 32 points
-# give the ring of Zárate 2020 (12/5 × 24 mm) at 50 mm to 7e-7 in any pose. This is the finite size that the published
-# dipole model leaves out: 15.6 % at 50 mm (erratum E16).
+# Gauss nodes in ρ² and uniform steps in azimuth integrate every harmonic function on them to a known degree, and 32
+# points give the ring of Zárate 2020 (12/5 × 24 mm) at 50 mm to 7e-7 in any pose. The published dipole model neglects
+# this finite size: 15.6 % at 50 mm (erratum E16).
 
 
 _K = MU0 / (4 * np.pi)
@@ -251,7 +251,7 @@ def _fields(rows: Array, points: Array, out: Array) -> None:
 
 
 class ChargedRing(Source):
-    """A ring magnet (inner_radius = 0: a cylinder) in its own frame, polarised along +z, as charges on its faces.
+    """Ring magnet (inner_radius = 0: cylinder) in its own frame, polarised along +z, as charges on its faces.
 
     outer_radius, inner_radius, length [m]; remanence [T], negative for the other polarity; `radial` Gauss nodes in ρ²
     and `azimuth` steps on each face. The moment is exact for any number of points; the field nearer to a face than its
@@ -298,11 +298,11 @@ class ChargedRing(Source):
         z = np.full(len(x), self.length / 2)
         self.rows: Array = np.ascontiguousarray(
             np.hstack([np.array([x, y, z, q]), np.array([x, y, -z, -q])])
-        )  #: (4, n) x, y, z [m] and charge [A·m]: the shape that kernels read
+        )  #: (4, n) x, y, z [m] and charge [A·m]: memory layout of the kernels
 
     @property
     def points(self) -> Array:
-        """(n, 3) where the charges sit [m]."""
+        """(n, 3) positions of the charges [m]."""
         return np.ascontiguousarray(self.rows[:3].T)
 
     @property
@@ -318,7 +318,7 @@ class ChargedRing(Source):
 
     @property
     def bounding_radius(self) -> float:
-        """Radius of the sphere about the centre that just holds the ring [m]."""
+        """Radius of the smallest enclosing sphere about the centre [m]."""
         return float(np.hypot(self.outer_radius, self.length / 2))
 
     def field(self, points: ArrayLike) -> Array:
@@ -339,7 +339,8 @@ class ChargedRing(Source):
         return gradient
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(...,) whether `points` (..., 3) [m] lie in the magnet, where the faces' charges alone are not its field."""
+        """(...,) whether `points` (..., 3) [m] are in the magnet, where the faces' charges alone do not give its
+        field."""
         at = vectors(points, "points")
         rho = np.hypot(at[..., 0], at[..., 1])
         held: NDArray[np.bool_] = (
@@ -348,7 +349,7 @@ class ChargedRing(Source):
         return held
 
     def place(self, R_SR: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
-        """Points (n, 3) [m] and charges (n,) [A·m] of the ring turned by `R_SR` (3, 3) with its centre at `p` (3,)."""
+        """Points (n, 3) [m] and charges (n,) [A·m] of the ring rotated by `R_SR` (3, 3) with its centre at `p` (3,)."""
         return self.points @ rotation(R_SR, "R_SR").T + vectors(p, "p"), self.charges
 
     def wrench_map(self, R_SR: ArrayLike, p: ArrayLike) -> Array:

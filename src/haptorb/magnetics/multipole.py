@@ -129,7 +129,7 @@ class MultipoleSource(Source):
 
 
 def loop_poles(radius: float, loops: int, per_loop: int) -> Array:
-    """(1 + k n, 3) pole places at z = 0 [m], Bai 2012 eq. (7): the axis, then loop by loop from the inside.
+    """(1 + k n, 3) pole positions at z = 0 [m], Bai 2012 eq. (7): the axis, then loop by loop from the inside.
 
     >>> loop_poles(0.03, 2, 4)[[0, 1, 5]].round(3).tolist()
     [[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.02, 0.0, 0.0]]
@@ -149,11 +149,11 @@ def _check_poles(out: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# The multipole models that Bai 2012 prints in Table 1, in the readings that its missing units leave open (erratum E1).
+# Multipole models of Bai 2012, Table 1, in the interpretations that its missing units allow (erratum E1).
 #
-# Strengths are printed in "μA/m", lengths without a unit. A pole strength is in A·m, and only one reading of the
-# lengths lets moments agree: l = 0.2 and 0.3 inch (a = 15.875 mm is 0.625 inch) and l̄/l = 0.2 for the magnet instead
-# of the printed 0.3. The other readings stay here by name, to be compared, not used.
+# Strengths are printed in "μA/m", lengths without a unit. A pole strength is in A·m, and only one interpretation of the
+# lengths gives consistent moments: l = 0.2 and 0.3 inch (a = 15.875 mm is 0.625 inch) and l̄/l = 0.2 for the magnet
+# instead of the printed 0.3. The other interpretations are available by name, for comparison only.
 
 
 MAGNET_RADIUS = 15.875e-3  #: [m]
@@ -164,11 +164,11 @@ COIL_STRENGTHS = (1.476, 0.547, 1.618, 1.644, 1.654, 1.325, 0.592)  #: m_0 … m
 
 @dataclass(frozen=True, slots=True)
 class PublishedModel:
-    """One reading of one column of Table 1: the body as it is, and the model that stands for it."""
+    """One interpretation of one column of Table 1: the body and its multipole model."""
 
     body: RoundBody
     model: MultipoleSource
-    reading: str  #: what was read how
+    reading: str  #: description of the interpretation
 
 
 def _magnet(length: float, ratio: float, reading: str) -> PublishedModel:
@@ -181,7 +181,7 @@ def _coil(length: float, reading: str) -> PublishedModel:
     return PublishedModel(body, MultipoleSource(COIL_RADIUS, 0.442 * length, COIL_STRENGTHS, 16), reading)
 
 
-#: by name, the reading to use first
+#: by name, the recommended interpretation first
 PUBLISHED = {
     "bai2012-pm": _magnet(5.08e-3, 0.2, "l = 0.2 inch, l̄/l = 0.2 (printed 0.3): moments agree to 0.2 %"),
     "bai2012-em": _coil(7.62e-3, "l = 0.3 inch, l̄/l = 0.442 as printed"),

@@ -1,4 +1,4 @@
-"""Distributed multipole models that match a body's exact field in a region, and how well they do.
+"""Distributed multipole models fitted to a body's exact field in a region, with their field error.
 
 For given loops k, pairs per loop n and pole distance l̄ the field is linear in the strengths: least squares gives them.
 l̄ is searched on a line, and k and n over all that a budget of dipoles allows. What is left is reported, never hidden.
@@ -23,9 +23,9 @@ from haptorb.magnetics.source import RoundBody
 
 __all__ = ["MultipoleFit", "fit_multipole", "residual", "shell_region"]
 
-_RATIOS = (0.02, 1.05)  #: l̄/l that are searched
-_ROUGH = (0.1, 0.4, 0.8)  #: l̄/l of the first look
-_FINALISTS = 4  #: (k, n) that are worth a search for l̄
+_RATIO_RANGE = (0.02, 1.05)  #: search range of l̄/l
+_COARSE_RATIOS = (0.1, 0.4, 0.8)  #: l̄/l of the coarse search
+_MAX_FINE_SEARCHES = 4  #: number of (k, n) with a fine search of l̄
 _K = MU0 / (4 * np.pi)
 
 
@@ -43,7 +43,7 @@ class MultipoleFit:
 
 
 def shell_region(distance: float, inner: float, outer: float, half_angle: float, count: int = 2000) -> Array:
-    """(count, 3) points [m] in a body's own frame: where, in a ball joint, the body meets its counterparts.
+    """(count, 3) points [m] in a body's own frame: region of the opposite bodies in a ball joint.
 
     The body's centre is `distance` from the joint's centre, its z axis outward; the points fill the part of the shell
     between radii `inner` and `outer` [m] about the joint's centre that lies within `half_angle` [rad] of that axis,
@@ -62,7 +62,7 @@ def shell_region(distance: float, inner: float, outer: float, half_angle: float,
             "a region needs inner ≤ outer, half_angle ≤ π and one point or more; "
             f"got {inner} m, {outer} m, {half_angle} rad and {count} points"
         )
-    # Powers of the root of x⁴ = x + 1 spread evenly in three dimensions at once
+    # Powers of the root of x⁴ = x + 1 are a low-discrepancy sequence in three dimensions.
     step = 1.2207440846057596 ** -np.arange(1.0, 4.0)
     a, b, c = ((0.5 + np.arange(count)[:, None] * step) % 1.0).T
     radius = np.cbrt(inner**3 + a * (outer**3 - inner**3))
@@ -83,7 +83,7 @@ def fit_multipole(
     pole_distance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> MultipoleFit:
-    """The model of `body` with at most `most_dipoles` pole pairs whose field at `points` (n, 3) [m] errs least (rms).
+    """Model of `body` with at most `most_dipoles` pole pairs and the smallest rms field error at `points` (n, 3) [m].
 
     `loops` k, `per_loop` n and `pole_distance` l̄ [m] are searched unless given. Raises GeometryError for points inside
     the body, InputError for a budget that cannot be met or too few points.
@@ -107,16 +107,17 @@ def fit_multipole(
     exact = body.field(at)
     if 3 * len(at) < 4 * max(k + 1 for k, _ in pairs):
         raise InputError(f"{len(at)} points are too few to fit {max(k + 1 for k, _ in pairs)} strengths; give more")
-    if pole_distance is None and len(pairs) > _FINALISTS:  # a rough look at all, on fewer points, picks a few
-        every, total = 4 if len(at) > 800 else 1, len(pairs) + _FINALISTS
+    # a coarse search of all, on fewer points, selects a few
+    if pole_distance is None and len(pairs) > _MAX_FINE_SEARCHES:
+        every, total = 4 if len(at) > 800 else 1, len(pairs) + _MAX_FINE_SEARCHES
         few, exact_few = np.ascontiguousarray(at[::every]), exact[::every]
         rough = []
         for done, (k, n) in enumerate(pairs, 1):
-            tries = [_strengths(body, few, exact_few, k, n, ratio * body.length)[1] for ratio in _ROUGH]
+            tries = [_strengths(body, few, exact_few, k, n, ratio * body.length)[1] for ratio in _COARSE_RATIOS]
             rough.append((min(tries), k, n))
             if progress is not None:
                 progress(done, total)
-        count, pairs = len(pairs), [(k, n) for _, k, n in sorted(rough)[:_FINALISTS]]
+        count, pairs = len(pairs), [(k, n) for _, k, n in sorted(rough)[:_MAX_FINE_SEARCHES]]
     else:
         count, total = 0, len(pairs)
     best: tuple[float, int, int, float] | None = None
@@ -124,7 +125,7 @@ def fit_multipole(
         if pole_distance is None:
             found = minimize_scalar(
                 lambda ratio, k=k, n=n: _strengths(body, at, exact, k, n, ratio * body.length)[1],
-                bounds=_RATIOS,
+                bounds=_RATIO_RANGE,
                 method="bounded",
                 options={"xatol": 5e-4},
             )
@@ -142,7 +143,8 @@ def fit_multipole(
 
 
 def residual(body: RoundBody, model: MultipoleSource, points: ArrayLike) -> MultipoleFit:
-    """How far any `model` (a published one, say) is from the exact field of `body` at `points` (n, 3) [m].
+    """Field error of any `model` (a published one, for example) against the exact field of `body` at `points` (n, 3)
+    [m].
 
     >>> from haptorb.magnetics.multipole import load_published
     >>> pm = load_published("bai2012-pm")
@@ -157,7 +159,7 @@ def residual(body: RoundBody, model: MultipoleSource, points: ArrayLike) -> Mult
 
 
 def _candidates(most: int, loops: int | None, per_loop: int | None) -> list[tuple[int, int]]:
-    """(k, n) that stay within `most` = 1 + k n dipoles; with n free, the few greatest of every k."""
+    """(k, n) with at most `most` = 1 + k n dipoles; with n free, the few largest of every k."""
     if loops is not None and loops < 0:
         raise InputError(f"loops must not be negative; got {loops}")
     if per_loop is not None and per_loop < 1:
@@ -200,7 +202,7 @@ def _strengths(body: RoundBody, points: Array, exact: Array, k: int, n: int, bet
     """Least-squares strengths (k + 1,) and the rms residual relative to the exact field's rms."""
     columns = np.empty((k + 1, 3 * len(points)))
     _loop_fields(loop_poles(body.outer_radius, k, n), n, 0.5 * between, points, columns)
-    scale = np.linalg.norm(columns, axis=1)  # a short l̄ makes tiny columns: least squares wants them alike
+    scale = np.linalg.norm(columns, axis=1)  # a small l̄ gives small columns: scaling improves the conditioning
     strengths, *_ = np.linalg.lstsq((columns / scale[:, None]).T, exact.ravel(), rcond=None)
     strengths = strengths / scale
     return strengths, float(np.linalg.norm(columns.T @ strengths - exact.ravel()) / np.linalg.norm(exact))

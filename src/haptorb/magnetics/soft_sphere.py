@@ -1,4 +1,4 @@
-"""How a soft-magnetic sphere answers magnets outside it: an exact series in spherical harmonics.
+"""Response of a soft-magnetic sphere to magnets outside it: an exact series in spherical harmonics.
 
 A charge q at s outside a sphere of radius a and relative permeability µ sees, at x outside, the extra potential
 
@@ -37,12 +37,12 @@ __all__ = [
 
 
 _SOFT_SPHERE_K = MU0 / (4 * np.pi)
-_MAX_TERMS = 4000  #: more terms than this mean that a charge touches the sphere
+_MAX_TERMS = 4000  #: limit on the terms: more mean that a charge touches the sphere
 
 
 @kernel
 def add_induced_field(rows: Array, radius: float, response: Array, x: float, y: float, z: float, out: Array) -> None:
-    """Add to out (3,) [T] the sphere's own field at (x, y, z) [m] while charges `rows` (4, n) stand around it.
+    """Add to out (3,) [T] the sphere's own field at (x, y, z) [m] in the presence of charges `rows` (4, n).
 
     response (L,) holds β_1 … β_L. B = μ0 q/(4πa|x|) Σ_l β_l t^(l+1) [P_l' (ŝ − c x̂) − (l+1) P_l x̂], c = x̂·ŝ.
     """
@@ -61,7 +61,7 @@ def add_induced_field(rows: Array, radius: float, response: Array, x: float, y: 
             weight = response[l - 1] * power
             radial += weight * (l + 1) * now
             turning += weight * d_now
-            share = 1.0 / (l + 1)  # beside the chain of steps, not in it: a division takes as long as five of them
+            share = 1.0 / (l + 1)  # outside the dependency chain: a division takes as long as five of its steps
             after = (2 * l + 1) * share * c * now - l * share * before
             d_after = d_before + (2 * l + 1) * now
             before, now, d_before, d_now = now, after, d_now, d_after
@@ -84,7 +84,8 @@ def _fields(rows: Array, radius: float, response: Array, points: Array, out: Arr
 
 @kernel
 def pair_sums(rows: Array, radius: float, out: Array) -> None:
-    """out (L,): Σ_ij q_i q_j t_ij^(l+1) P_l(c_ij) for l = 1 … L. Pairs are symmetric: half of them are walked."""
+    """out (L,): Σ_ij q_i q_j t_ij^(l+1) P_l(c_ij) for l = 1 … L. Pairs are symmetric: only half of them are
+    computed."""
     out[:] = 0.0
     count = rows.shape[1]
     for i in range(count):
@@ -140,7 +141,7 @@ class SoftSphere:
         return share
 
     def order(self, nearest: float, other: float | None = None, precision: float = 1e-10) -> int:
-        """How many terms leave out less than `precision` of the sum, for points at `nearest` and `other` [m].
+        """Number of terms for a truncation error below `precision`, for points at `nearest` and `other` [m].
 
         Raises GeometryError for a charge in the sphere, PrecisionError where the series would be too long.
 
@@ -170,7 +171,7 @@ class SoftSphere:
         return np.ascontiguousarray(np.vstack([at.T, q])), nearest
 
     def energy(self, points: ArrayLike, charges: ArrayLike, *, precision: float = 1e-10) -> float:
-        """Energy [J] of fixed `charges` (n,) [A·m] at `points` (n, 3) [m] in the sphere's answer to them.
+        """Energy [J] of fixed `charges` (n,) [A·m] at `points` (n, 3) [m] in the sphere's response to them.
 
         Half of Σ q μ0 φ: the sphere is magnetised by the charges themselves. Forces on the whole are minus its
         derivatives.
@@ -178,7 +179,7 @@ class SoftSphere:
         return float(self.energy_by_degree(points, charges, precision=precision).sum())
 
     def energy_by_degree(self, points: ArrayLike, charges: ArrayLike, *, precision: float = 1e-10) -> Array:
-        """(L,) the terms l = 1 … L of `energy` [J]: how much of it the first harmonic alone would tell."""
+        """(L,) terms l = 1 … L of `energy` [J]: contribution of each harmonic."""
         rows, nearest = self._rows(points, charges)
         order = self.order(nearest, precision=precision)
         sums = np.empty(order)
@@ -187,7 +188,7 @@ class SoftSphere:
         return terms
 
     def forces(self, points: ArrayLike, charges: ArrayLike, *, precision: float = 1e-10) -> Array:
-        """(n, 3) [N]: on every charge, from the sphere's answer to all of them."""
+        """(n, 3) [N]: on every charge, from the sphere's response to all of them."""
         q = check_finite(charges, "charges").reshape(-1, 1)
         force: Array = q * self.compute_induced_field(points, charges, points, precision=precision)
         return force
@@ -195,7 +196,7 @@ class SoftSphere:
     def compute_induced_field(
         self, points: ArrayLike, charges: ArrayLike, at: ArrayLike, *, precision: float = 1e-10
     ) -> Array:
-        """(..., 3) [T] the sphere's own part of the field at `at` (..., 3) [m] outside it.
+        """(..., 3) [T] sphere's own part of the field at `at` (..., 3) [m] outside it.
 
         Raises GeometryError for a point inside the sphere.
 
@@ -216,7 +217,7 @@ class SoftSphere:
         return out.reshape(where.shape)
 
     def moment_in(self, field: ArrayLike) -> Array:
-        """(..., 3) [A·m²] the moment that any source induces whose own field at the sphere's centre is `field` [T].
+        """(..., 3) [A·m²] moment induced by any source whose own field at the sphere's centre is `field` [T].
 
         m = 4π/μ0 a³ β_1 B(0): the mean of a source-free field over a ball is its value at the centre, so this is exact
         for coils and magnets alike.
@@ -229,12 +230,13 @@ class SoftSphere:
 
 
 # --------------------------------------------------------------------------------------------------
-# A soft sphere's answer to coils and magnets, in solid harmonics about its centre: for a servo, in one pass.
+# Response of a soft sphere to coils and magnets, in solid harmonics about its centre: for the servo, in one pass.
 #
-# `soft_sphere` sums over pairs of charges. Here the answer to each source is a fixed set of coefficients C of irregular
-# solid harmonics, φ = Re Σ C*_lm I_lm(x/a), and everything that a set of charges feels follows from its own sums S_lm =
-# Σ q I_lm(x/a): a derivative of I_lm is an I of the next degree, and a turn keeps the degree. So the work grows with
-# charges plus coils and not with their product, and includes the pull of the sphere on the charges themselves.
+# `soft_sphere` sums over pairs of charges. Here the response to each source is a fixed set of coefficients C of
+# irregular solid harmonics, φ = Re Σ C*_lm I_lm(x/a), and the wrench on a set of charges follows from its own sums S_lm
+# = Σ q I_lm(x/a): a derivative of I_lm is an I of the next degree, and a rotation preserves the degree. So the cost
+# grows with charges plus coils and not with their product, and the sphere's attraction of the charges themselves is
+# included.
 #
 #     I_lm = (l−m)! P_lm(cosθ) e^{imφ}/r^{l+1}        R_lm = r^l P_lm(cosθ) e^{imφ}/(l+m)!
 #     1/|x − s| = Σ R*_lm(x) I_lm(s), |x| < |s|;      R_lm → −β_l I_lm/((l−m)!(l+m)!) outside a sphere of radius 1
@@ -244,7 +246,7 @@ class SoftSphere:
 
 
 _SPHERE_ANSWER_K = MU0 / (4 * np.pi)
-_WITHIN = 0.6  #: radius at which a source is read, as a share of the sphere's: the field is smoother there
+_SAMPLING_RADIUS = 0.6  #: radius at which a source is sampled, relative to the sphere's: the field is smoother there
 
 
 @kernel
@@ -292,7 +294,7 @@ def _read(sums: Array, l: int, m: int) -> tuple[float, float]:
 
 @kernel
 def add_answers(sums: Array, answers: Array, radius: float, order: int, p: Array, out: Array) -> None:
-    """Add to out (6, m) the force and the torque about p (3,) [m] on the charges of `sums` in the sphere's answers.
+    """Add to out (6, m) the force and the torque about p (3,) [m] on the charges of `sums` in the sphere's responses.
 
     answers (m, k, 2): coefficients C [T·m] per ampere of every coil, or [T·m] of anything else.
     """
@@ -328,14 +330,15 @@ def add_answers(sums: Array, answers: Array, radius: float, order: int, p: Array
 
 @kernel
 def answer_to_charges(sums: Array, shares: Array, out: Array) -> None:
-    """out (1, k, 2): the sphere's answer [T·m] to the charges of `sums` themselves; shares (k,) of `weigh_charges`."""
+    """out (1, k, 2): the sphere's response [T·m] to the charges of `sums` themselves; shares (k,) of
+    `weigh_charges`."""
     for k in range(shares.shape[0]):
         out[0, k, 0] = shares[k] * sums[k, 0]
         out[0, k, 1] = shares[k] * sums[k, 1]
 
 
 def weigh_charges(sphere: SoftSphere, order: int) -> Array:
-    """(k,) [T·m/(A·m)] what `answer_to_charges` multiplies the sums with, to degree `order`.
+    """(k,) [T·m/(A·m)] factors by which `answer_to_charges` multiplies the sums, to degree `order`.
 
     >>> weigh_charges(SoftSphere(0.1), 1).shape
     (3,)
@@ -352,7 +355,7 @@ def weigh_charges(sphere: SoftSphere, order: int) -> Array:
 
 
 def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
-    """(k, 2) coefficients C [T·m] of the sphere's answer to `source` anywhere about it (coils: per ampere).
+    """(k, 2) coefficients C [T·m] of the sphere's response to `source` anywhere about it (coils: per ampere).
 
     From the source's radial field on a sphere of radius b < a, so that sources close to the sphere do no harm:
     C_lm = β_l (2 − δ_m0)(2l + 1) a (a/b)^(l−1)/(4π l) ∫ B_r R_lm dΩ. The source's
@@ -374,13 +377,13 @@ def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     unit = np.stack([sine * np.cos(angle), sine * np.sin(angle), level], axis=-1)
     if source.contains(sphere.radius * unit).any():
         raise GeometryError("a source reaches into the soft sphere, where no field is defined; move it out")
-    radial = (source.field(_WITHIN * sphere.radius * unit) * unit).sum(axis=-1)
+    radial = (source.field(_SAMPLING_RADIUS * sphere.radius * unit) * unit).sum(axis=-1)
     flux = radial * weight[:, None] * (2 * np.pi / steps)
     response = sphere.response(order)
     out = np.zeros(((order + 1) * (order + 2) // 2, 2))
     for (l, m), harmonic in _regular(unit, order).items():
         if l:
-            both = (1.0 if m == 0 else 2.0) * _WITHIN ** (1 - l)
+            both = (1.0 if m == 0 else 2.0) * _SAMPLING_RADIUS ** (1 - l)
             c = response[l - 1] * both * (2 * l + 1) * sphere.radius / (4 * np.pi * l) * (flux * harmonic).sum()
             out[l * (l + 1) // 2 + m] = c.real, c.imag
     return out

@@ -1,4 +1,4 @@
-"""Sources of magnetic field: the abstract source, sources placed and summed, and bodies round about an axis."""
+"""Sources of magnetic field: the abstract source, sources placed and summed, and bodies of revolution."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["PlacedSource", "RoundBody", "SheetStack", "Source", "length", "tenso
 
 
 # --------------------------------------------------------------------------------------------------
-# The abstract source of magnetic field: what every magnet and coil provides, whatever its shape.
+# Abstract source of magnetic field: common interface of magnets and coils.
 
 
 class Source(ABC):
-    """Magnet, coil or dipole that makes a magnetic field; the base class of every shape.
+    """Magnet, coil or dipole with a magnetic field; base class of every shape.
 
     In its own frame: centre at the origin, axis along +z. Coils answer per ampere. A subclass implements `field`,
     `field_gradient` and `moment`.
@@ -73,7 +73,7 @@ class Source(ABC):
         """(3,) magnetic moment [A·m²] (coils: per ampere)."""
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Find points that lie in the material of the body.
+        """Find points inside the material of the body.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class Source(ABC):
 
 
 # --------------------------------------------------------------------------------------------------
-# Sources put somewhere, and put together: both are sources again.
+# Placed and summed sources: both are sources again.
 
 
 @final
@@ -142,7 +142,7 @@ class PlacedSource(Source):
         return gradient
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(...,) whether `points` (..., 3) [m] lie in the source's matter."""
+        """(...,) whether `points` (..., 3) [m] are inside the source's material."""
         return self.source.contains(self._to_own_frame(points))
 
     def _to_own_frame(self, points: ArrayLike) -> Array:
@@ -151,11 +151,11 @@ class PlacedSource(Source):
 
 
 # --------------------------------------------------------------------------------------------------
-# What cylinder, ring and winding share: round about their z axis, equal above and below their middle plane.
+# Common part of cylinder, ring and winding: bodies of revolution about z, symmetric about their middle plane.
 #
-# Everything circulates about the axis, so a body is also a bundle of coaxial current filaments; that is how forces on
-# it are found. The kernels turn (ρ, z) components into Cartesian ones without dividing by ρ, so the axis is an ordinary
-# place.
+# All currents circulate about the axis, so a body is also a bundle of coaxial current filaments, from which the forces
+# on it are computed. The kernels convert (ρ, z) components to Cartesian ones without dividing by ρ, so the axis is not
+# a singular case.
 
 
 def length(value: ArrayLike, what: str) -> float:
@@ -258,10 +258,10 @@ def _check_edge(out: Array, points: Array) -> Array:
 
 
 class RoundBody(Source):
-    """A body of revolution in its own frame: axis along +z, centre at the origin."""
+    """Body of revolution in its own frame: axis along +z, centre at the origin."""
 
     outer_radius: float  #: [m]
-    inner_radius: float  #: [m], 0 for a full body
+    inner_radius: float  #: [m], 0 for a solid body
     length: float  #: along the axis [m]
 
     @abstractmethod
@@ -276,11 +276,11 @@ class RoundBody(Source):
 
     @property
     def bounding_radius(self) -> float:
-        """Radius of the sphere about the centre that just holds the body [m]."""
+        """Radius of the smallest enclosing sphere about the centre [m]."""
         return float(np.hypot(self.outer_radius, 0.5 * self.length))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(...,) whether `points` (..., 3) [m] lie inside the body's matter (its surface counts as outside)."""
+        """(...,) whether `points` (..., 3) [m] are inside the body's material (its surface counts as outside)."""
         at = vectors(points, "points")
         rho = np.hypot(at[..., 0], at[..., 1])
         inside = (rho < self.outer_radius) & (np.abs(at[..., 2]) < 0.5 * self.length)

@@ -29,7 +29,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The three complete elliptic integrals that fields of round bodies need, free of cancellation.
+# Three complete elliptic integrals for fields of round bodies, free of cancellation.
 #
 # With Δ² = cos²φ + k' ² sin²φ and m = 1 − k'², all integrals from 0 to π/2:
 #
@@ -41,7 +41,7 @@ __all__ = [
 # of the third kind is Bulirsch's cel (Numer. Math. 7, 78, 1965) run along the same mean. Valid for 0 < k' ≤ 1.
 
 
-_CLOSE = 2e-8  #: a mean whose two sides agree to this agrees to its square after one more step
+_CONVERGENCE = 2e-8  #: convergence: the relative difference of the mean's two sides is squared in one more step
 
 
 @kernel
@@ -52,7 +52,7 @@ def integrals(kc: float, m: float) -> tuple[float, float, float]:
     d = 0.5 / (1.0 + kc)
     weight = 2.0
     total = weight * d * d
-    while a - g > _CLOSE * a:
+    while a - g > _CONVERGENCE * a:
         mean = 0.5 * (a + g)
         g = math.sqrt(a * g)
         a = mean
@@ -83,7 +83,7 @@ def third_kind(kc: float, gamma: float) -> float:
         p += g
         last = em
         em += kc
-        if abs(last - kc) <= _CLOSE * last:
+        if abs(last - kc) <= _CONVERGENCE * last:
             break
         kc = 2.0 * math.sqrt(e)
         e = kc * em
@@ -92,13 +92,13 @@ def third_kind(kc: float, gamma: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# ∫₀ˣ t J₁(t) dt without scipy, whose special functions take longer to load than a device file.
+# ∫₀ˣ t J₁(t) dt without scipy, whose special functions take longer to import than a device file.
 #
 # Sources: Abramowitz & Stegun 1964, 9.1.18 (Bessel's integral), 9.2.5 (Hankel's expansions), 11.1.7 (the integral by
 # Struve's functions) and 12.1.29 (their expansions).
 
 
-_EXPANSION_FROM = 30.0  #: from here on the expansions hold, with terms that fall below 1e-12
+_MIN_EXPANSION_ARGUMENT = 30.0  #: argument from which the expansions are used, with terms that fall below 1e-12
 _BESSEL_NODES = 24  #: of the integral below it; its error is of the order of J₉₆(30)
 _BESSEL_TERMS = 8
 
@@ -110,7 +110,7 @@ def integrate_bessel(x: Array) -> Array:
     0.15453272
     """
     x = np.asarray(x, dtype=float)
-    out, near = np.empty(x.shape), x < _EXPANSION_FROM
+    out, near = np.empty(x.shape), x < _MIN_EXPANSION_ARGUMENT
     s = np.sin(0.5 * np.pi * (np.arange(_BESSEL_NODES) + 0.5) / _BESSEL_NODES)
     phase = x[near][..., None] * s
     out[near] = (np.sin(phase) / s - x[near][..., None] * np.cos(phase)).mean(axis=-1)
@@ -217,7 +217,7 @@ def zonal_gradient(c: Array, rho2: float, z: float) -> tuple[float, float, float
 
 
 # --------------------------------------------------------------------------------------------------
-# Field of a thin round sheet of circulating current: the one formula behind cylinder, ring and winding.
+# Field of a thin round sheet of circulating current: the formula for cylinder, ring and winding.
 #
 # A uniformly and axially magnetized cylinder has the flux density of a current sheet of density M = J/μ0 on its side
 # wall, inside and outside alike. With ζ = z ± h the heights over the lower and the upper edge, s² = (a + ρ)² + ζ²,
@@ -233,7 +233,7 @@ def zonal_gradient(c: Array, rho2: float, z: float) -> tuple[float, float, float
 
 @kernel
 def _edge(a: float, rho: float, zeta: float) -> tuple[float, float]:
-    """B_ρ/ρ and B_z that one edge at height `zeta` below the point stands for."""
+    """B_ρ/ρ and B_z contributed by one edge at height `zeta` below the point."""
     s2 = (a + rho) * (a + rho) + zeta * zeta
     s = math.sqrt(s2)
     kc = math.sqrt(((a - rho) * (a - rho) + zeta * zeta) / s2)

@@ -1,4 +1,4 @@
-"""Enamelled round wire, and how it lies layer upon layer in a winding: what fits, and the resistance that follows."""
+"""Enamelled round wire in layers of a winding: number of turns that fit, and the resulting resistance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from haptorb.magnetics.coil import COPPER_DENSITY, COPPER_RESISTIVITY, COPPER_SP
 
 __all__ = ["WireLayers", "overall_diameter", "wind", "wire_diameter"]
 
-#: Nominal diameter of the copper, and greatest diameter over an enamel of grade 1 [mm]: IEC 60317-0-1, table 4
+#: Nominal diameter of the copper, and maximum diameter over an enamel of grade 1 [mm]: IEC 60317-0-1, table 4
 _SIZES: Array = np.array([
     (0.100, 0.117), (0.125, 0.144), (0.160, 0.182), (0.200, 0.226), (0.250, 0.281), (0.315, 0.349), (0.355, 0.392),
     (0.400, 0.439), (0.450, 0.491), (0.500, 0.544), (0.560, 0.606), (0.630, 0.679), (0.710, 0.762), (0.800, 0.855),
@@ -20,11 +20,11 @@ _SIZES: Array = np.array([
     (2.000, 2.074), (2.240, 2.316), (2.500, 2.578), (2.800, 2.880), (3.150, 3.233), (3.550, 3.635), (4.000, 4.088),
     (4.500, 4.591), (5.000, 5.093),
 ])  # fmt: skip
-_ROUNDING = 1e-9  #: what sizes that were computed from a wire may lack to fit it again [m]
+_ROUNDING = 1e-9  #: rounding tolerance of sizes that were computed from a wire [m]
 
 
 def overall_diameter(copper: float) -> float:
-    """Greatest diameter [m] over the enamel (grade 1, the thinnest) of a wire whose copper is `copper` [m] thick.
+    """Maximum diameter [m] over the enamel (grade 1, the thinnest) of a wire whose copper is `copper` [m] thick.
 
     Between the standard's sizes the enamel grows linearly; beyond them it is in proportion to the wire.
 
@@ -52,7 +52,7 @@ def wire_diameter(coil: Coil, resistance: float, resistivity: float = COPPER_RES
 
 @dataclass(frozen=True)
 class WireLayers:
-    """A winding of round wire: every layer lies on the one below, at the wire's full diameter.
+    """Winding of round wire in layers, spaced at the wire's full diameter.
 
     That is where the wire of one layer crosses that of the layer below. Wires that lay in the grooves below them all
     the way round would take 13 % less depth; no winding of several layers reaches that.
@@ -68,7 +68,7 @@ class WireLayers:
         return float(4 * resistivity * self.wire_length / (np.pi * copper**2))
 
     def heat_capacity(self, copper: float) -> float:
-        """[J/K] of the copper alone."""
+        """[J/K] of the copper only."""
         return float(np.pi / 4 * copper**2 * self.wire_length * COPPER_DENSITY * COPPER_SPECIFIC_HEAT)
 
 

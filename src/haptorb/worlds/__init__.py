@@ -1,4 +1,4 @@
-"""Virtual objects and forces: a world maps a State to a wrench. Worlds add.
+"""Worlds: virtual objects and forces; a world maps a State to a wrench. Worlds can be added.
 
 To add a world, write one class with one method, and one line in `CATALOGUE`.
 """

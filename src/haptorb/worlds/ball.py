@@ -24,21 +24,21 @@ _FIELDS = (
     MemoryField("energy", "J", "energy: kinetic, in the bowl and in the contact"),
 )
 
-_CORE = 0.25  #: share of the radius within which the contact fades
+_FADE_RADIUS_SHARE = 0.25  #: share of the radius within which the contact force fades out
 
-#: What the kernel goes by.
+#: Settings of the kernel.
 _BALL = fields(
-    ("axis", "f8", (3,)),  # unit vector to the bowl's middle
+    ("axis", "f8", (3,)),  # unit vector to the centre of the bowl
     ("distance", "f8"),  # of the ball's centre from the dome's [m]
-    ("drawn", "f8"),  # the same in a picture: under the tool's tip [m]
+    ("drawn", "f8"),  # the same for display: under the tool's tip [m]
     ("mass", "f8"),  # inertial [kg]
     ("bowl", "f8"),  # m ω² [N/m]
     ("damping", "f8"),  # [N·s/m]
     ("rim", "f8"),  # angle of the rim from the axis [rad]
     ("rim_stiffness", "f8"),  # [N/m]
-    ("reach", "f8"),  # distance of the tool at which it touches [m]
+    ("reach", "f8"),  # distance of the tool at contact [m]
     ("stiffness", "f8"),  # of the contact [N/m]
-    ("greatest", "f8"),  # force of the contact [N]
+    ("greatest", "f8"),  # maximum contact force [N]
 )
 
 
@@ -58,10 +58,10 @@ def _push(q: Array, p: Array, ball: Records, force: Array) -> float:
         pull += b.rim_stiffness * over / max(np.sin(angle), 1e-6)
     for i in range(3):
         force[i], force[3 + i] = pull * b.axis[i], 0.0
-    # Contact: a spring whose force stays at its greatest when it is pressed further, and fades towards the middle
+    # Contact: a spring with saturating force, which fades out towards the ball's centre
     gap = np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
     if 1e-12 < gap < b.reach:
-        core = _CORE * b.reach
+        core = _FADE_RADIUS_SHARE * b.reach
         depth, most = b.reach - max(gap, core), b.greatest / b.stiffness
         push = b.stiffness * min(depth, most)
         energy += 0.5 * push * min(depth, most) + b.greatest * max(depth - most, 0.0)
@@ -76,7 +76,7 @@ def _push(q: Array, p: Array, ball: Records, force: Array) -> float:
 
 @kernel
 def _kick(memory: Records, ball: Records, force: Array, dt: float) -> None:
-    """The velocity after the tangential part of `force` has acted for `dt` [s]."""
+    """Update the velocity by the tangential part of `force` over `dt` [s]."""
     m, b = memory[0], ball[0]
     q, v = m.place, m.velocity
     radial = (force[0] * q[0] + force[1] * q[1] + force[2] * q[2]) / (b.distance * b.distance)
@@ -86,12 +86,12 @@ def _kick(memory: Records, ball: Records, force: Array, dt: float) -> None:
 
 @kernel
 def _drift(memory: Records, ball: Records, dt: float) -> None:
-    """The ball `dt` [s] later along its great circle, exactly."""
+    """Move the ball by `dt` [s] along its great circle, exactly."""
     m, b = memory[0], ball[0]
     q, v = m.place, m.velocity
     radial = (v[0] * q[0] + v[1] * q[1] + v[2] * q[2]) / (b.distance * b.distance)
     for i in range(3):
-        v[i] -= radial * q[i]  # rounding
+        v[i] -= radial * q[i]  # remove the rounding error
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if speed < 1e-12:
         return
@@ -110,7 +110,7 @@ def _drift(memory: Records, ball: Records, dt: float) -> None:
 
 @kernel
 def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) -> None:
-    """Half a kick, a drift, half a kick (Störmer–Verlet): symplectic, so no energy comes or goes in the long run."""
+    """Kick, drift, kick (Störmer–Verlet): symplectic, so the energy does not drift."""
     m, b = memory[0], ball[0]
     force = np.empty(6)
     _push(m.place, p, ball, force)
@@ -130,7 +130,7 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
 
 @dataclass(frozen=True)
 class RollingBall(DynamicWorld):
-    """A ball that rolls in a bowl on the dome: push it, catch it, release it.
+    """Ball that rolls in a bowl on the dome: push it, catch it, release it.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
     V = m ω² R² (1 − cos θ) with ω = 2π `swings` and θ from the bowl's centre; beyond `rim_deg` a steep rim returns
@@ -164,7 +164,7 @@ class RollingBall(DynamicWorld):
 
     @property
     def name(self) -> str:
-        """Its name in the catalogue."""
+        """Name in the catalogue."""
         return "ball"
 
     @property
@@ -197,7 +197,7 @@ class RollingBall(DynamicWorld):
 
     @cached_property
     def _facts(self) -> Records:
-        """(1,) _BALL: what does not change from tick to tick."""
+        """(1,) _BALL: constant settings."""
         made = np.zeros(1, dtype=_BALL)
         made["axis"] = np.asarray(self.summit) / np.linalg.norm(self.summit)
         made["distance"], made["mass"], made["damping"] = self.distance, self.mass, self.damping
@@ -208,7 +208,7 @@ class RollingBall(DynamicWorld):
         return made
 
     def begin(self) -> Records:
-        """At rest, halfway from the bowl's centre to its rim [m]."""
+        """Initial state: at rest, halfway from the bowl's centre to its rim [m]."""
         memory = make_memory(_FIELDS)
         z = self._facts["axis"][0]
         x = np.cross(np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 0.0, -1.0)), z)
@@ -224,7 +224,7 @@ class RollingBall(DynamicWorld):
         return wrench
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """The ball continues at its position [m], on the sphere of this world."""
+        """Continue at the ball's position [m], projected onto the sphere of this world."""
         if isinstance(previous, RollingBall) and old.dtype == memory.dtype:
             memory[:] = old
             memory["place"] *= self.distance / previous.distance

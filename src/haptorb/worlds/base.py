@@ -1,4 +1,4 @@
-"""The abstract world: it maps the state of the mover to a wrench. Worlds add."""
+"""Abstract world: maps the state of the mover to a wrench. Worlds can be added."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ __all__ = [
 
 WrenchPart = Literal["force", "torque", "both"]
 
-PARTS: Final[tuple[WrenchPart, ...]] = ("force", "torque", "both")  #: their places are the numbers in recordings
+PARTS: Final[tuple[WrenchPart, ...]] = ("force", "torque", "both")  #: their positions are the numbers in recordings
 
 
 def check_part(name: str) -> WrenchPart:
-    """`name` itself. Raises UnknownName with the most similar name.
+    """`name` if it is valid. Raises UnknownName with the most similar name.
 
     >>> check_part("torque")
     'torque'
@@ -179,7 +179,7 @@ def check(world: Any) -> None:
 def _is_finite(number: float) -> bool:
     try:
         return math.isfinite(number)
-    except OverflowError:  # an integer that no float can hold
+    except OverflowError:  # an integer outside the range of a float
         return False
 
 
@@ -191,7 +191,7 @@ def check_names(world: type[Any], given: Mapping[str, Any]) -> None:
             raise UnknownName(f"parameter of {world.__name__}", name, known)
 
 
-_MAX_REPR_CHARACTERS = 160  #: characters of a `repr`
+_MAX_REPR_CHARACTERS = 160  #: length of a `repr`
 
 
 def _cut(text: str) -> str:
@@ -203,7 +203,7 @@ def _format_value(value: float | tuple[float, ...]) -> str:
 
 
 def _to_tuple(value: Any) -> Any:
-    """Arrays and lists as tuples, a number of numpy's as Python's."""
+    """Convert arrays and lists to tuples, and a number of numpy to Python's."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     return tuple(value) if isinstance(value, list) else value
@@ -253,12 +253,12 @@ class World(Presentable, ABC):
 
     @property
     def name(self) -> str:
-        """Its name in lists of worlds: the class name in lower case."""
+        """Name in lists of worlds: the class name in lower case."""
         return type(self).__name__.lower()
 
     @property
     def wrench_code(self) -> Callable[..., Any]:
-        """The code that computes the wrench, for messages about it."""
+        """Code that computes the wrench, for messages."""
         return type(self).wrench
 
     @abstractmethod
@@ -278,7 +278,7 @@ class World(Presentable, ABC):
 
     @property
     def bound(self) -> float:
-        """Largest force that it can ask [N], anywhere a mover can be; inf if no bound is known."""
+        """Largest force that it can command [N], anywhere a mover can be; inf if no bound is known."""
         return float("inf")
 
     @property
@@ -287,7 +287,8 @@ class World(Presentable, ABC):
         return ()
 
     def _summarize(self) -> str:
-        """As a call: all parameters, or, where that is long, those that are not at their defaults."""
+        """As a constructor call: all parameters, or, where that is long, those with other values than their
+        defaults."""
         known, now = parameters(type(self)), values(self)
         name = type(self).__name__
         whole = f"{name}({', '.join(f'{key}={_format_value(value)}' for key, value in now.items())})"
@@ -304,7 +305,7 @@ class World(Presentable, ABC):
         return facts + [("remark", remark) for remark in self.remarks]
 
     def _picture_html(self) -> str:
-        """Every parameter: value, unit, range and meaning."""
+        """Table of the parameters: value, unit, range and description."""
         now = values(self)
         rows = [
             [
@@ -367,7 +368,7 @@ class World(Presentable, ABC):
         return replace(self, **tuples)
 
     def __add__(self, other: World) -> Sum:
-        """Both at once."""
+        """Sum of both worlds."""
         if other.remembers:
             return NotImplemented  # `DynamicWorld` adds both kinds
         parts = [part for world in (self, other) for part in (world.parts if isinstance(world, Sum) else (world,))]
@@ -376,7 +377,7 @@ class World(Presentable, ABC):
 
 @dataclass(frozen=True)
 class TargetWorld(World):
-    """A world that acts on a target that a device moves in two modes, such as a plug in its socket.
+    """World that acts on an object that a device moves in two modes, such as a plug in its socket.
 
     Its states and wrenches are the target's, in a frame that is not the stator's: a device on whose tool the world
     would act directly refuses it.
@@ -387,7 +388,7 @@ class TargetWorld(World):
 
 @dataclass(frozen=True)
 class Sum(World):
-    """Several worlds at once: their wrenches add. `first + second` makes one.
+    """Sum of several worlds: their wrenches add. `first + second` creates one.
 
     Parameters
     ----------
@@ -399,7 +400,7 @@ class Sum(World):
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
-        for promise in ("passive", "continuous"):  # of the class, but a sum keeps only what all of its parts keep
+        for promise in ("passive", "continuous"):  # class properties; a sum has them only if all its parts do
             object.__setattr__(self, promise, all(getattr(part, promise) for part in self.parts))
         object.__setattr__(self, "asks", join_parts(part.asks for part in self.parts))
 
@@ -410,18 +411,18 @@ class Sum(World):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Those of all parts."""
+        """Remarks of all parts."""
         return tuple(remark for part in self.parts for remark in part.remarks)
 
     def _summarize(self) -> str:
         return _cut(" + ".join(map(repr, self.parts)) or "Sum()")
 
     def _picture_html(self) -> str:
-        """The parameters of all parts."""
+        """Parameters of all parts."""
         return "".join(part._repr_html_() for part in self.parts)
 
     def wrench(self, state: State) -> Array:
-        """(6,) the sum over the parts [N, N·m]."""
+        """(6,) sum over the parts [N, N·m]."""
         total = np.zeros(6)
         for part in self.parts:
             total += part.wrench(state)
@@ -463,12 +464,12 @@ class ContactWorld(World):
         """
 
     def wrench(self, state: State) -> Array:
-        """(6,) the wrench on the mover at `state` [N, N·m]."""
+        """(6,) wrench on the mover at `state` [N, N·m]."""
         return self.render_contacts(state)[0]
 
     @property
     def wrench_code(self) -> Callable[..., Any]:
-        """The code that computes the wrench, for messages about it."""
+        """Code that computes the wrench, for messages."""
         return type(self).render_contacts
 
 
@@ -476,7 +477,7 @@ class ContactWorld(World):
 # Bodies that the console draws for a world with memory, at poses from its memory.
 
 
-#: kind → how many numbers its `size` has, all [m]: sphere radius; capsule and cylinder radius and half length along
+#: kind → number of elements of its `size`, all [m]: sphere radius; capsule and cylinder radius and half length along
 #: their own z axis; box half lengths; ellipsoid radii; a mesh has points
 SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}
 

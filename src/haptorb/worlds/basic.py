@@ -1,4 +1,4 @@
-"""A wall: the reference object of every haptic paper."""
+"""Basic worlds: wall, point attraction, empty world, texture, vibration and detents."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Wall(World):
 
 
 # --------------------------------------------------------------------------------------------------
-# A point that attracts the tool nearby, and not far away.
+# Attraction to a point, of finite range.
 
 
 _PEAK = exp(-0.5)  #: of r/s e^(−r²/2s²), at r = s
@@ -100,12 +100,12 @@ class Magnet(World):
 
 
 # --------------------------------------------------------------------------------------------------
-# The empty world: zero wrench.
+# Empty world: zero wrench.
 
 
 @dataclass(frozen=True)
 class Nothing(World):
-    """Zero wrench everywhere: only the device's own friction and passive pull remain."""
+    """Zero wrench everywhere: only the device's own friction and passive wrench remain."""
 
     asks = "force"
 
@@ -120,7 +120,7 @@ class Nothing(World):
 
 
 # --------------------------------------------------------------------------------------------------
-# A rough surface: bumps in space, felt during motion.
+# Rough surface: spatially periodic bumps.
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Texture(World):
 
 
 # --------------------------------------------------------------------------------------------------
-# A vibration: a force that oscillates in time, at any position.
+# Vibration: a force that oscillates in time, at any position.
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A button on the dome with travel and click that stays pressed until it is pressed again."""
+"""Button on the dome with travel and click that latches until it is pressed again."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ _FIELDS = (
 )
 
 # Shares of the travel
-_LATCH = 0.45  # where a pressed key rests
-_CLICK = 0.55  # middle of the click
+_LATCH = 0.45  # rest position of a latched key
+_CLICK = 0.55  # centre of the click
 _WIDTH = 0.30  # of the click
-_MEET = 0.80  # from here on a pressed key and a free one push alike
-_TURN = 0.88  # here it changes from one to the other
-_THICK = 2e-3  #: of the key, for the eye [m]
-_RETURN = 0.15  #: speed with which a released key comes up [m/s]
+_EQUAL_FORCE = 0.80  # from here the forces of a latched and a free key are equal
+_TRANSITION = 0.88  # transition between latched and free
+_KEY_THICKNESS_M = 2e-3  #: displayed thickness of the key [m]
+_RETURN_SPEED_M_S = 0.15  #: speed of a released key on its return [m/s]
 
-#: What the kernel goes by.
+#: Settings of the kernel.
 _BUTTON = fields(
     ("axis", "f8", (3,)),  # unit vector to the button
     ("lift", "f8"),  # of the tool's magnet above its tip [m]
     ("bottom", "f8"),  # distance from the dome's centre at full travel [m]
     ("travel", "f8"),  # [m]
     ("radius", "f8"),  # radius of the flat key [m]
-    ("edge", "f8"),  # over which it falls off [m]
+    ("edge", "f8"),  # width of the edge, over which the force falls to zero [m]
     ("spring", "f8"),  # [N/m]
     ("preload", "f8"),  # [N]
     ("click", "f8"),  # amplitude [N]
@@ -52,14 +52,14 @@ _BUTTON = fields(
 
 @kernel
 def _rise(x: float) -> float:
-    """From 0 at x = 0 to 1 at x = 1 without a kink."""
+    """Smooth step from 0 at x = 0 to 1 at x = 1."""
     s = min(max(x, 0.0), 1.0)
     return s * s * (3.0 - 2.0 * s)
 
 
 @kernel
 def _free(b: Record, depth: float) -> float:
-    """Force of a free key at `depth` [m], without the stop [N]."""
+    """Force of a free key at `depth` [m], without the end stop [N]."""
     share = depth / b.travel
     if share <= 0.0:
         return 0.0
@@ -70,16 +70,16 @@ def _free(b: Record, depth: float) -> float:
 
 @kernel
 def _force(b: Record, depth: float, pressed: bool) -> float:
-    """Force of the key at `depth` [m], free or pressed [N]."""
+    """Force of the key at `depth` [m], free or latched [N]."""
     share = depth / b.travel
     if pressed:
-        return _free(b, depth) * _rise((share - _LATCH) / (_MEET - _LATCH))
+        return _free(b, depth) * _rise((share - _LATCH) / (_EQUAL_FORCE - _LATCH))
     return _free(b, depth)
 
 
 @kernel
 def _work(b: Record, depth: float, pressed: bool) -> float:
-    """∫ force from the top to `depth` [J], by Gauss's rule of three points in pieces between which it is smooth."""
+    """∫ force from the top to `depth` [J], by three-point Gauss quadrature over its smooth pieces."""
     total, low = 0.0, 0.0
     for piece in range(24):
         high = min(depth, (piece + 1) * b.travel / 20.0) if piece < 23 else depth
@@ -95,7 +95,7 @@ def _work(b: Record, depth: float, pressed: bool) -> float:
 
 @kernel
 def _measure_latch(button: Records) -> float:
-    """What a pressed key holds: the work that a free one takes more [J]."""
+    """Energy stored in a latched key: difference in work to a free one [J]."""
     b = button[0]
     return _work(b, b.travel, False) - _work(b, b.travel, True)
 
@@ -110,12 +110,13 @@ def _press(memory: Records, button: Records, p: Array, dt: float, wrench: Array)
         return
     cosine = min(1.0, max(-1.0, (p[0] * b.axis[0] + p[1] * b.axis[1] + p[2] * b.axis[2]) / d))
     aside = d * np.arccos(cosine)
-    over = (aside - b.radius) / b.edge  # from the flat key to where there is none
+    over = (aside - b.radius) / b.edge  # from the flat key to zero
     held = 1.0 - _rise(over)
     depth = max(b.bottom + b.travel - d, 0.0) if held > 0.0 else 0.0
     share = depth / b.travel
-    # The two kinds of key push alike where it changes, and only in the flat middle: no energy comes out of a change.
-    if share >= _TURN and over <= 0.0 and m.armed == 1.0:
+    # The forces of both states are equal at the transition, which occurs only in the flat middle: no energy is
+    # generated.
+    if share >= _TRANSITION and over <= 0.0 and m.armed == 1.0:
         m.pressed, m.armed = 1.0 - m.pressed, 0.0
     elif share < _LATCH:
         m.armed = 1.0
@@ -123,7 +124,7 @@ def _press(memory: Records, button: Records, p: Array, dt: float, wrench: Array)
     stopped = max(depth - b.travel, 0.0)
     push = _force(b, depth, pressed) + b.stop * stopped
     work = _work(b, depth, pressed) + 0.5 * b.stop * stopped * stopped
-    # The gradient of held · work: outwards, and away from the middle at the edge.
+    # Gradient of held · work: outwards, and away from the middle at the edge.
     sine = np.sqrt(max(1.0 - cosine * cosine, 0.0))
     slide = 0.0
     if 0.0 < over < 1.0 and sine > 1e-9:
@@ -136,14 +137,14 @@ def _press(memory: Records, button: Records, p: Array, dt: float, wrench: Array)
     m.energy = held * work + (b.latch_energy if pressed else 0.0)
     rest = _LATCH * b.travel if pressed else 0.0
     goal = max(min(depth, 1.05 * b.travel), rest)
-    m.depth = goal if goal >= m.depth else max(goal, m.depth - _RETURN * dt)
+    m.depth = goal if goal >= m.depth else max(goal, m.depth - _RETURN_SPEED_M_S * dt)
     for i in range(3):
         m.cap[i] = (b.bottom + b.travel - m.depth - b.lift) * b.axis[i]
 
 
 @dataclass(frozen=True)
 class Button(DynamicWorld):
-    """A button with travel and click that stays pressed: press it once to lock it, again to release it.
+    """Button with travel and click that latches: press it once to lock it, again to release it.
 
     A spring under a flat round key, a click in the middle of its travel (the force rises, then falls), and a stop. A
     press beyond 88 % of the travel changes its state; a locked key rests at 45 % of the travel. Both states are
@@ -180,7 +181,7 @@ class Button(DynamicWorld):
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """The key."""
-        return (Shape("key", "cylinder", (self.radius, 0.5 * _THICK), "cap", "attitude"),)
+        return (Shape("key", "cylinder", (self.radius, 0.5 * _KEY_THICKNESS_M), "cap", "attitude"),)
 
     @property
     def bound(self) -> float:
@@ -203,7 +204,7 @@ class Button(DynamicWorld):
 
     @cached_property
     def _facts(self) -> Records:
-        """(1,) _BUTTON: what does not change from tick to tick."""
+        """(1,) _BUTTON: constant settings."""
         made = np.zeros(1, dtype=_BUTTON)
         made["axis"] = np.asarray(self.summit) / np.linalg.norm(self.summit)
         made["edge"] = 0.4 * self.radius
@@ -213,11 +214,11 @@ class Button(DynamicWorld):
         return made
 
     def begin(self) -> Records:
-        """Released, and armed."""
+        """Initial state: released and armed."""
         memory, axis = make_memory(_FIELDS), self._facts["axis"][0]
         memory["armed"] = 1.0
         memory["cap"] = (self.bottom + self.travel - self.lift) * axis
-        turn = np.array([-axis[1], axis[0], 0.0, 1.0 + axis[2]])  # from z to the axis
+        turn = np.array([-axis[1], axis[0], 0.0, 1.0 + axis[2]])  # rotation from z to the axis
         memory["attitude"] = turn / np.linalg.norm(turn) if turn.any() else (1.0, 0.0, 0.0, 0.0)
         return memory
 

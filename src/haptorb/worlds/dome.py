@@ -1,4 +1,4 @@
-"""Zárate 2020's force map: a dome that pushes (or a valley that pulls), sharper than any permanent magnet's.
+"""Zárate 2020's force map: a dome that repels (or a valley that attracts), sharper than any permanent magnet's.
 
 The printed argument and inverse have errors (errata E12 to E14); this is the corrected map.
 """
@@ -25,7 +25,7 @@ from haptorb.worlds.base import Sum, World, parameter
 __all__ = ["Compass", "CompassDome", "Dome", "domes_apart", "overlaps"]
 
 
-#: What the kernel goes by.
+#: Settings of the kernel.
 _DOME = fields(
     ("summit", "f8", (3,)),  # unit vector
     ("cut_off", "f8"),  # θ₂ [rad]
@@ -50,11 +50,11 @@ def _push(p: Array, domes: Records, wrench: Array) -> None:
     alpha = np.arccos(min(1.0, max(-1.0, c)))
     if alpha >= dome.cut_off:
         return
-    # Outside contact the force falls with the fourth power; a tip pressed into the shell does not raise it.
+    # Outside contact the force falls with the fourth power; it does not increase when a tip penetrates the shell.
     fallen = dome.contact / max(d, dome.contact)
     strength = dome.strength * fallen * fallen * fallen * fallen
     radial = 2.0 * strength * np.cos(dome.turns * alpha)
-    # e_t: away from the summit along the sphere (E12); at the summit itself there is no such direction, and no F_t
+    # e_t: away from the summit along the sphere (E12); undefined at the summit itself, where F_t is zero
     sine = np.sqrt(max(1.0 - c * c, 0.0))
     tangential = strength * np.sin(dome.turns * alpha) / sine if sine > 1e-9 else 0.0
     for i in range(3):
@@ -137,7 +137,7 @@ class Dome(World):
 
     @cached_property
     def _map(self) -> Records:
-        """(1,) _DOME: what does not change from tick to tick."""
+        """(1,) _DOME: constant settings."""
         made = np.zeros(1, dtype=_DOME)
         x, y, z = self.summit
         length = sqrt(x * x + y * y + z * z)
@@ -147,14 +147,14 @@ class Dome(World):
         return made
 
     def wrench(self, state: State) -> Array:
-        """(6,) force of the map at the tool's magnet [N]; no torque asked."""
+        """(6,) force of the map at the tool's magnet [N]; zero torque."""
         wrench = np.empty(6)
         _push(ascontiguousarray(state.p), self._map, wrench)
         return wrench
 
 
 # --------------------------------------------------------------------------------------------------
-# Several domes at once, separated by their cut-offs: Zárate 2020's combined force maps.
+# Sum of several domes, separated by their cut-offs: Zárate 2020's combined force maps.
 
 
 def overlaps(domes: Sequence[Dome]) -> list[tuple[int, int, float]]:
@@ -205,12 +205,12 @@ def domes_apart(domes: Sequence[Dome]) -> Sum:
 
 
 # --------------------------------------------------------------------------------------------------
-# Torque that turns a pen to a direction, like a compass needle; alone, or together with a dome.
+# Torque that aligns a pen with a direction, like a compass needle; alone, or together with a dome.
 
 
 @dataclass(frozen=True)
 class Compass(World):
-    """Torque that turns a tool's axis to a direction, increasing smoothly from zero.
+    """Torque that aligns a tool's axis with a direction, increasing smoothly from zero.
 
     The gradient of U = T (√(c² + s²) − s) with the chord c = |axis − direction|: a torque of
     T (axis × direction)/√(c² + s²), which is a spring of T/s [N·m/rad] near the direction and never exceeds T. It
@@ -237,7 +237,7 @@ class Compass(World):
 
     @property
     def bound(self) -> float:
-        """[N]: no force is asked."""
+        """[N]: no force is commanded."""
         return 0.0
 
     def wrench(self, state: State) -> Array:
@@ -254,7 +254,7 @@ class Compass(World):
 
 @dataclass(frozen=True)
 class CompassDome(World):
-    """A dome with a direction: force of the dome and torque of the compass together, as a compromise of the coils.
+    """Dome with a direction: force of the dome and torque of the compass, as a compromise of the coils.
 
     Three coils cannot produce six independent components: `--torque-arm` weights torque against force.
     """

@@ -1,4 +1,4 @@
-"""The abstract world with memory: its wrench depends on the past."""
+"""Abstract world with memory: its wrench depends on the past."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The memory of a world: named numbers with units, in a structured array of one record.
+# Memory of a world: named numbers with units, in a structured array of one record.
 #
 # Every field is float64, a flag is 0 or 1: so a memory is also a plain row of numbers, which is recorded, sent to the
 # console and checked for non-finite numbers without a loop over fields.
@@ -92,7 +92,7 @@ class MemoryField:
 
 @cache
 def memory_dtype(fields: tuple[MemoryField, ...]) -> np.dtype[Any]:
-    """The dtype of a memory with these `fields`: all float64, contiguous.
+    """Dtype of a memory with these `fields`: all float64, contiguous.
 
     Raises InputError for no fields, and for two fields of the same name.
     """
@@ -103,7 +103,7 @@ def memory_dtype(fields: tuple[MemoryField, ...]) -> np.dtype[Any]:
 
 
 def make_memory(fields: tuple[MemoryField, ...]) -> Records:
-    """Make the memory of a world, all zero; a `begin` of its own starts from it.
+    """Create the memory of a world, all zero; a world's own `begin` starts from it.
 
     Parameters
     ----------
@@ -130,12 +130,12 @@ def numbers_of(memory: Records) -> Array:
 
 
 def count_numbers(fields: Sequence[MemoryField]) -> int:
-    """How many numbers a memory with these `fields` has."""
+    """Number of elements of a memory with these `fields`."""
     return sum(field.size for field in fields)
 
 
 def find_number(fields: Sequence[MemoryField], name: str, row: int = 0) -> int:
-    """The index of the first number of the field `name`, or of its `row`, among all numbers of the memory.
+    """Index of the first number of the field `name`, or of its `row`, among all numbers of the memory.
 
     Raises InputError if there is no such field or row.
     """
@@ -150,7 +150,7 @@ def find_number(fields: Sequence[MemoryField], name: str, row: int = 0) -> int:
 
 
 def check_memory(memory: object, name: str) -> Records:
-    """`memory` itself, (1,) a record of float64 fields in their own units.
+    """`memory` if it is valid, (1,) a record of float64 fields in their own units.
 
     Raises InputError, naming the world `name`, for anything else and for numbers that are not finite.
     """
@@ -195,24 +195,24 @@ def _size(dtype: np.dtype[Any]) -> int:
     return total
 
 
-_FIRST = 1e-3  #: time step of a wrench that is asked for outside a loop [s]
+_FIRST = 1e-3  #: time step of a wrench evaluated outside a loop [s]
 
 
 class WorldWork(ABC):
-    """Work of a world that may take longer than a tick: it is computed in the background, from copies of a memory."""
+    """Background work of a world that may take longer than a tick: it is computed from copies of a memory."""
 
     @abstractmethod
     def compute(self) -> Any:
-        """The result, for `DynamicWorld.take_over`. The same copies give the same result, bit for bit."""
+        """Result for `DynamicWorld.take_over`. The same copies give the same result, bit for bit."""
 
     @abstractmethod
     def fits(self, memory: Records) -> bool:
-        """Whether `memory` (1,) still waits for this work: it has not been restarted, or replaced."""
+        """Whether `memory` (1,) still waits for this work: it was not restarted, or replaced."""
 
 
 @dataclass(frozen=True)
 class DynamicWorld(World):
-    """World with memory, which is advanced by the loop's period in every tick; the base class of such worlds.
+    """World with memory, advanced by the loop's period in every tick; base class of such worlds.
 
     A subclass declares the fields of its memory (`memory_fields`), and `advance` changes the memory in place and
     returns the wrench, shape (6,) [N, N·m]. The world itself is frozen, has no clock, and stores nothing that grows:
@@ -242,7 +242,7 @@ class DynamicWorld(World):
     @property
     @abstractmethod
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """The fields of its memory, in order. They may depend on parameters, but not on the device."""
+        """Fields of its memory, in order. They may depend on parameters, but not on the device."""
 
     def begin(self) -> Records:
         """Make the initial memory: all zero unless overridden.
@@ -317,7 +317,7 @@ class DynamicWorld(World):
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """Bodies that the console draws at poses from the memory; none by default."""
+        """Bodies drawn in the console at poses from the memory; none by default."""
         return ()
 
     def check_period(self, dt: float) -> None:
@@ -328,18 +328,18 @@ class DynamicWorld(World):
         of a field. By default it does nothing."""
 
     def restore(self, memory: Records) -> None:
-        """There is time again: undo one step of `lighten` in `memory` (1,), in the unit of a field."""
+        """Time is sufficient again: undo one step of `lighten` in `memory` (1,), in the unit of a field."""
 
     def find_work(self, memory: Records) -> WorldWork | None:
-        """The work that `memory` (1,) waits for, each field in its unit; by default none."""
+        """Work that `memory` (1,) waits for, each field in its unit; by default none."""
         return None
 
     def is_work_due(self, memory: Records) -> bool:
-        """Whether that work's result may be taken over before the next `advance` of `memory` (1,), in its units."""
+        """Whether that work's result is due before the next `advance` of `memory` (1,), in its units."""
         return False
 
     def take_over(self, memory: Records, result: Any) -> None:
-        """Take the `result` of the work into `memory` (1,), each field in its unit."""
+        """Copy the `result` of the work into `memory` (1,), each field in its unit."""
 
     @property
     def stores_energy(self) -> bool:
@@ -347,20 +347,20 @@ class DynamicWorld(World):
         return any(field.name == "energy" for field in self.memory_fields)
 
     def wrench(self, state: State) -> Array:
-        """(6,) its wrench at `state` in the first millisecond after the start [N, N·m]."""
+        """(6,) wrench at `state` in the first millisecond after the start [N, N·m]."""
         return self.advance(self.begin(), state, _FIRST)
 
     @property
     def wrench_code(self) -> Callable[..., Any]:
-        """The code that computes the wrench, for messages about it."""
+        """Code that computes the wrench, for messages."""
         return type(self).advance
 
     def __add__(self, other: World) -> DynamicSum:
-        """Both at once."""
+        """Sum of both worlds."""
         return DynamicSum((*_parts_of(self), *_parts_of(other)))
 
     def __radd__(self, other: World) -> DynamicSum:
-        """Both at once, of a world without memory and this one."""
+        """Sum of a world without memory and this one."""
         return DynamicSum((*_parts_of(other), *_parts_of(self)))
 
 
@@ -369,13 +369,13 @@ def _parts_of(world: World) -> tuple[World, ...]:
 
 
 class _PartsWork(WorldWork):
-    """The `works` of the parts of a sum that have any, by their names."""
+    """Background work of the parts of a sum, by their names."""
 
     def __init__(self, works: dict[str, WorldWork]) -> None:
         self._works = works
 
     def compute(self) -> dict[str, Any]:
-        """The result of each part."""
+        """Results of the parts."""
         return {name: work.compute() for name, work in self._works.items()}
 
     def fits(self, memory: Records) -> bool:
@@ -385,7 +385,7 @@ class _PartsWork(WorldWork):
 
 @dataclass(frozen=True)
 class DynamicSum(Sum, DynamicWorld):
-    """Several worlds at once, with and without memory: their wrenches add, and each has its own memory.
+    """Sum of several worlds, with and without memory: their wrenches add, and each has its own memory.
 
     `first + second` makes one.
 
@@ -402,7 +402,7 @@ class DynamicSum(Sum, DynamicWorld):
 
     @cached_property
     def _remembering(self) -> tuple[tuple[str, DynamicWorld], ...]:
-        """The parts with memory, each with the name of its own in this sum: `ball`, `ball_2`."""
+        """Parts with memory, each with its own name in this sum: `ball`, `ball_2`."""
         named: dict[str, DynamicWorld] = {}
         for part in self.parts:
             if isinstance(part, DynamicWorld):
@@ -420,7 +420,7 @@ class DynamicSum(Sum, DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Those of all parts, as `ball_place`."""
+        """Fields of all parts, as `ball_place`."""
         return tuple(
             replace(field, name=f"{name}_{field.name}")
             for name, part in self._remembering
@@ -428,7 +428,7 @@ class DynamicSum(Sum, DynamicWorld):
         )
 
     def begin(self) -> Records:
-        """(1,) a record with the memory of each part under its name."""
+        """(1,) record with the memory of each part under its name."""
         memories = {name: part.begin() for name, part in self._remembering}
         memory: Records = np.zeros(1, dtype=[(name, one.dtype) for name, one in memories.items()])
         for name, one in memories.items():
@@ -436,11 +436,11 @@ class DynamicSum(Sum, DynamicWorld):
         return memory
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) the sum over the parts [N, N·m], each with its own part of `memory`; dt in [s]."""
+        """(6,) sum over the parts [N, N·m], each with its own part of `memory`; dt in [s]."""
         return self.advance_with_client(memory, state, dt, np.empty(6))
 
     def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
-        """(6,) the sum; the wrenches of those parts that take commands are added to `commanded` (6,) [N, N·m] too."""
+        """(6,) sum; the wrenches of the parts that accept commands are added to `commanded` (6,) [N, N·m] too."""
         total = np.zeros(6)
         for name, part in self._remembering:
             total += part.advance_with_client(memory[name], state, dt, commanded)
@@ -449,12 +449,12 @@ class DynamicSum(Sum, DynamicWorld):
         return total
 
     @property
-    def takes_commands(self) -> bool:  # type: ignore[override]  # of a class, but a sum does what one of its parts does
+    def takes_commands(self) -> bool:  # of a class, but a sum has it if one of its parts does
         """Whether one of the parts renders commands of a program outside the loop."""
         return any(part.takes_commands for _, part in self._remembering)
 
     def take_command(self, memory: Records, client: Records) -> None:
-        """Each part that takes commands copies `client` (1,) CLIENT_FORCE [N, s] into its own part of `memory` (1,)."""
+        """Copy `client` (1,) CLIENT_FORCE [N, s] into the memory of each part that accepts commands."""
         for name, part in self._remembering:
             if part.takes_commands:
                 part.take_command(memory[name], client)
@@ -469,40 +469,40 @@ class DynamicSum(Sum, DynamicWorld):
                 part.keep(memory[name], before[name], old[name] if isinstance(previous, DynamicSum) else old)
 
     def check_period(self, dt: float) -> None:
-        """Of every part, for ticks of `dt` [s]."""
+        """Check every part for ticks of `dt` [s]."""
         for _, part in self._remembering:
             part.check_period(dt)
 
     def lighten(self, memory: Records) -> None:
-        """Every part, in its own part of `memory` (1,), in the units of its fields."""
+        """Lighten every part, in its own part of `memory` (1,), in the units of its fields."""
         for name, part in self._remembering:
             part.lighten(memory[name])
 
     def find_work(self, memory: Records) -> WorldWork | None:
-        """That of every part that has any, in its own part of `memory` (1,), in the units of its fields."""
+        """Work of every part that has any, in its own part of `memory` (1,), in the units of its fields."""
         found = {name: part.find_work(memory[name]) for name, part in self._remembering}
         works = {name: work for name, work in found.items() if work is not None}
         return _PartsWork(works) if works else None
 
     def is_work_due(self, memory: Records) -> bool:
-        """Of all parts that have work, in their own parts of `memory` (1,), in the units of their fields."""
+        """Whether all parts with work are due, in their own parts of `memory` (1,), in the units of their fields."""
         due = [part.is_work_due(memory[name]) for name, part in self._remembering if part.find_work(memory[name])]
         return bool(due) and all(due)
 
     def take_over(self, memory: Records, result: Any) -> None:
-        """Each part its own, in its part of `memory` (1,), in the units of its fields."""
+        """Copy each part's result into its part of `memory` (1,), in the units of its fields."""
         for name, part in self._remembering:
             if name in result:
                 part.take_over(memory[name], result[name])
 
     def restore(self, memory: Records) -> None:
-        """Every part, in its own part of `memory` (1,), in the units of its fields."""
+        """Restore every part, in its own part of `memory` (1,), in the units of its fields."""
         for name, part in self._remembering:
             part.restore(memory[name])
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """Those of all parts."""
+        """Shapes of all parts."""
         return tuple(
             replace(
                 shape,
@@ -520,19 +520,19 @@ class DynamicSum(Sum, DynamicWorld):
 
 
 def _identify(name: str) -> str:
-    """The `name` of a world as the beginning of a field's: a scene's has a hyphen, and a user's may have anything."""
+    """Identifier from the `name` of a world: a scene's has a hyphen, and a user's may have any character."""
     return "".join(letter if letter.isalnum() else "_" for letter in name)
 
 
 # --------------------------------------------------------------------------------------------------
-# The force that a program outside the loop commands, as the loop passes it to the worlds that render it.
+# Force commanded by a program outside the loop, as passed by the loop to the worlds that render it.
 
 
 CLIENT_FORCE = fields(
-    ("force", "f8", (3,)),  # as the client commanded it, stator frame [N]
-    ("session", "f8"),  # number of its connection; 0: no command yet
+    ("force", "f8", (3,)),  # commanded by the client, stator frame [N]
+    ("session", "f8"),  # number of the connection; 0: no command yet
     ("age", "f8"),  # of the command [s]
-    ("lost", "f8"),  # since the connection was lost; 0: it is there [s]
+    ("lost", "f8"),  # time since the connection was lost; 0: connected [s]
     ("mapping", "f8"),  # number of its mapping into the stator's frame
 )
 
@@ -543,7 +543,7 @@ def make_client_force() -> Records:
 
 
 # --------------------------------------------------------------------------------------------------
-# A world with memory in one run of a loop: world, memory and time step together.
+# World with memory in one run of a loop: world, memory and time step.
 
 
 class MemoryNotFinite(HaptorbError):
@@ -560,7 +560,7 @@ def _is_finite(numbers: Array) -> bool:
 
 @final
 class BoundWorld:
-    """`world` with a memory of its own, advanced by `dt` [s] in each call of `wrench`; what a linkage renders.
+    """`world` with its own memory, advanced by `dt` [s] in each call of `wrench`; rendered by a linkage.
 
     numbers  (n,) all of its memory, in the units of its fields: a view
     paused   there is no pose: its time stops and it renders nothing
@@ -587,24 +587,24 @@ class BoundWorld:
         self._dt, self._advance, self._still = dt, world.advance, np.zeros(6)
         self.takes_commands, self.client = world.takes_commands, make_client_force()
         self.commanded: Array = np.zeros(6)
-        _is_finite(self.numbers)  # compiled now
+        _is_finite(self.numbers)  # compiled at construction, not in the loop
 
     @property
     def energy(self) -> float:
-        """Energy stored in its memory [J]; NaN if the world does not state it, or renders nothing now."""
+        """Energy stored in its memory [J]; NaN if the world does not define it, or renders nothing now."""
         if not self._energies or self.paused or self.failed:
             return np.nan
         return sum(map(self.numbers.item, self._energies))
 
     def wrench(self, state: State) -> Array:
-        """(6,) the wrench of the world at `state` after one more time step [N, N·m].
+        """(6,) wrench of the world at `state` after one more time step [N, N·m].
 
         Raises MemoryNotFinite, and any exception of the world.
         """
         self.commanded[:] = 0.0
         if self.paused or self.failed:
             return self._still
-        # After any failure in there: half of a step is no memory to continue with.
+        # After an exception a partial update leaves an inconsistent state.
         self.failed = True  # safety: half-a-step
         if self.takes_commands:
             self.world.take_command(self.memory, self.client)
@@ -617,7 +617,7 @@ class BoundWorld:
         return wrench
 
     def restart(self) -> None:
-        """Restart."""
+        """Reset the memory to the initial state."""
         self.memory[:] = check_memory(self.world.begin(), self.world.name)
         self.failed = False
 
@@ -656,11 +656,11 @@ def bind_world(
 
 
 # --------------------------------------------------------------------------------------------------
-# The force of a program outside the loop: held briefly after its last command, then faded to zero.
+# Force of a program outside the loop: held briefly after its last command, then faded to zero.
 
 
-HOLD = 0.05  #: after the last command the force stands for so long [s]
-FADE = 0.02  #: and is nothing so much later [s]
+HOLD = 0.05  #: hold time after the last command [s]
+FADE = 0.02  #: fade time to zero after that [s]
 
 _FIELDS = (
     MemoryField("force", "N", "force commanded by the client, stator frame", (3,)),
@@ -674,7 +674,7 @@ _FIELDS = (
 
 @kernel
 def _take_command(memory: Records, client: Records) -> None:
-    """Take over what the `client` (1,) CLIENT_FORCE commands; a command that is no number is none."""
+    """Copy the command of `client` (1,) CLIENT_FORCE; a command that is not finite counts as none."""
     m, c = memory[0], client[0]
     finite = np.isfinite(c.session + c.age + c.lost)
     for i in range(3):
@@ -694,12 +694,12 @@ def _take_command(memory: Records, client: Records) -> None:
 
 @kernel
 def _push(m: Record, limit: float, wrench: Array) -> None:
-    """`wrench` (6,) becomes the client's force [N], faded and no greater than `limit` [N]."""
+    """`wrench` (6,) becomes the client's force [N], faded and limited to `limit` [N]."""
     wrench[:] = 0.0
     largest = max(abs(m.force[0]), abs(m.force[1]), abs(m.force[2]))
     if largest == 0.0 or m.fade == 0.0:
         return
-    size = 0.0  # of the force over its largest part: squares of the numbers themselves may overflow
+    size = 0.0  # norm relative to the largest component: squares of the components themselves may overflow
     for i in range(3):
         size += (m.force[i] / largest) ** 2
     share = m.fade * min(1.0, limit / largest / np.sqrt(size))  # safety: client-force-limit
@@ -714,7 +714,7 @@ def _render(memory: Records, limit: float, wrench: Array) -> None:
 
 @dataclass(frozen=True)
 class Remote(DynamicWorld):
-    """The force of a program connected with `haptorb run --serve`: the latest command, faded if no other follows.
+    """Force of a program connected with `haptorb run --serve`: the latest command, faded if no other follows.
 
     A command lasts 50 ms. If none follows, its force fades to zero within 20 ms; when the connection is lost,
     the fade begins at once. The memory contains the client's command and the share that is rendered, so that the
@@ -733,12 +733,12 @@ class Remote(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """The client's command, and the share that is rendered."""
+        """Command of the client, and its rendered share."""
         return _FIELDS
 
     @property
     def bound(self) -> float:
-        """[N] the maximum force accepted from a client."""
+        """[N] maximum force accepted from a client."""
         return self.limit
 
     def take_command(self, memory: Records, client: Records) -> None:
@@ -746,14 +746,14 @@ class Remote(DynamicWorld):
         _take_command(memory, client)
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) the force in `memory` [N], independent of `state` and dt [s]."""
+        """(6,) force in `memory` [N], independent of `state` and dt [s]."""
         wrench = np.empty(6)
         _render(memory, self.limit, wrench)
         return wrench
 
 
 # --------------------------------------------------------------------------------------------------
-# A world with the clients' force added to it: the world keeps its name and its parameters.
+# World with the clients' force added to it: the world keeps its name and its parameters.
 
 
 def split_remote(world: World) -> tuple[World, Remote | None]:

@@ -1,4 +1,4 @@
-"""A fluid that keeps moving after it was stirred, and moves the tool with it."""
+"""Fluids: one that continues to move after stirring and drags the tool along, and one that rotates steadily."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ _FIELDS = (
     MemoryField("energy", "J", "kinetic energy of all rings"),
 )
 
-#: What the kernel goes by.
+#: Settings of the kernel.
 _FLUID = fields(
     ("width", "f8"),  # of a ring [m]
     ("drag", "f8"),  # b [N·s/m]
-    ("greatest", "f8"),  # force [N]
-    ("decay", "f8"),  # rate of the friction at the ground [1/s]
+    ("greatest", "f8"),  # maximum force [N]
+    ("decay", "f8"),  # rate of the friction at the bottom [1/s]
     ("mixing", "f8"),  # kinematic viscosity between rings [m²/s]
     ("mass", "f8", (_RINGS,)),  # of each ring [kg]
     ("cork", "f8"),  # distance of the cork from the axis [m]
-    ("distance", "f8"),  # and from the dome's centre [m]
+    ("distance", "f8"),  # distance of the cork from the dome's centre [m]
 )
 
 
 @kernel
 def _mix(u: Array, f: Records, dt: float) -> None:
-    """Friction between rings and at the ground for `dt` [s]: backward Euler, so it only ever takes energy out.
+    """Friction between rings and at the bottom for `dt` [s]: backward Euler, so it is strictly dissipative.
 
     Rings exchange angular momentum by the shear of their angular velocities, T = 2π ν σ ρ³ dω/dρ with σ the mass per
     area; written for the momenta J ω with J = m ρ². A tridiagonal system, solved by Thomas's algorithm."""
@@ -75,13 +75,14 @@ def _mix(u: Array, f: Records, dt: float) -> None:
 
 @kernel
 def _stir(memory: Records, fluid: Records, p: Array, v: Array, dt: float, wrench: Array) -> None:
-    """The fluid `dt` [s] later, with the tool at `p` (3,) [m] and `v` (3,) [m/s]; `wrench` (6,) is its drag [N]."""
+    """Advance the fluid by `dt` [s], with the tool at `p` (3,) [m] and `v` (3,) [m/s]; `wrench` (6,) is its drag
+    [N]."""
     m, b = memory[0], fluid[0]
     u = m.swirl
     _mix(u, fluid, dt)
     rho = np.sqrt(p[0] * p[0] + p[1] * p[1])
     at = rho / b.width - 0.5
-    # Two rings carry the tool, by their shares; within the innermost the fluid turns like a solid body.
+    # The drag is distributed over two rings, by weights; within the innermost the fluid rotates like a solid body.
     inner = min(max(int(np.floor(at)), 0), _RINGS - 2)
     share = min(max(at - inner, 0.0), 1.0)
     near, far = 1.0 - share, share
@@ -90,7 +91,7 @@ def _stir(memory: Records, fluid: Records, p: Array, v: Array, dt: float, wrench
     flow = near * u[inner] + far * u[inner + 1]
     ex, ey = (-p[1] / rho, p[0] / rho) if rho > 1e-9 else (0.0, 0.0)
     relative = v[0] * ex + v[1] * ey - flow
-    # The drag at the end of the step, when the fluid has been taken along: never more than there is to take.
+    # Implicit drag at the end of the step: it cannot overshoot.
     light = near * near / b.mass[inner] + far * far / b.mass[inner + 1]
     later = relative / (1.0 + b.drag * dt * light)
     rx, ry, rz = v[0] + (later - v[0] * ex - v[1] * ey) * ex, v[1] + (later - v[0] * ex - v[1] * ey) * ey, v[2]
@@ -115,7 +116,7 @@ def _stir(memory: Records, fluid: Records, p: Array, v: Array, dt: float, wrench
 
 @dataclass(frozen=True)
 class StirredFluid(DynamicWorld):
-    """A fluid on the dome that the tool stirs; it keeps moving and drags the tool with it.
+    """Fluid on the dome that the tool stirs; it continues to move and drags the tool along.
 
     Eight rings about +z, each with a mass and a speed: F = −b (v − u), and the rings where the tool is get the opposite
     impulse. Viscosity transfers angular momentum between rings, ν = (width of a ring)²/`mixing`; the ground absorbs
@@ -145,12 +146,12 @@ class StirredFluid(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """The rings, a cork and the energy."""
+        """Rings, cork and energy."""
         return _FIELDS
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """A cork that floats on it."""
+        """Cork that floats on the fluid."""
         return (Shape("cork", "sphere", (_CORK,), "cork"),)
 
     @property
@@ -167,17 +168,17 @@ class StirredFluid(DynamicWorld):
 
     @cached_property
     def _facts(self) -> Records:
-        """(1,) _FLUID: what does not change from tick to tick."""
+        """(1,) _FLUID: constant settings."""
         made = np.zeros(1, dtype=_FLUID)
         made["width"] = self.distance / _RINGS
         made["drag"], made["greatest"] = self.drag, self.greatest
         made["decay"], made["mixing"] = 1.0 / self.runs_on, (self.distance / _RINGS) ** 2 / self.mixing
-        made["mass"] = self.mass * (2 * np.arange(_RINGS) + 1) / _RINGS**2  # as much on every area
+        made["mass"] = self.mass * (2 * np.arange(_RINGS) + 1) / _RINGS**2  # equal mass per area
         made["cork"], made["distance"] = 0.5 * self.ground, self.ground + _CORK
         return made
 
     def begin(self) -> Records:
-        """At rest, with the cork at +x [m]."""
+        """Initial state: at rest, with the cork at +x [m]."""
         memory = make_memory(_FIELDS)
         aside, high = 0.5 * self.ground, self.ground + _CORK
         memory["cork"] = aside, 0.0, (high * high - aside * aside) ** 0.5
@@ -191,7 +192,7 @@ class StirredFluid(DynamicWorld):
 
 
 # --------------------------------------------------------------------------------------------------
-# A viscous fluid that is stirred: Zárate 2020's second example, drag of the liquid on the tool.
+# Stirred viscous fluid: Zárate 2020's second example, drag of the liquid on the tool.
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ class Fluid(World):
         vx, vy, vz = state.v.tolist()
         rho = sqrt(px * px + py * py)
         if rho > 1e-9:
-            # Lamb–Oseen: (1 − e^(−1.2564 ρ²/a²)) a/ρ is 0.7153 at its greatest, ρ = a
+            # Lamb–Oseen: (1 − e^(−1.2564 ρ²/a²)) a/ρ has its maximum 0.7153 at ρ = a
             s = rho / self.core
             u = self.stir / 0.71533 * (1 - exp(-1.25643 * s * s)) / s
             vx, vy = vx + u * py / rho, vy - u * px / rho

@@ -1,4 +1,4 @@
-"""Dry friction that sticks: below breakaway the tool stays where it is under a constant load."""
+"""Dry friction with stiction: below breakaway the tool remains in place under a constant load."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FIELDS = (
     MemoryField("energy", "J", "energy in the bristles"),
 )
 
-#: What the kernel goes by.
+#: Settings of the kernel.
 _FRICTION = fields(
     ("sliding", "f8"),  # F_c [N]
     ("breakaway", "f8"),  # F_s [N]
@@ -33,13 +33,13 @@ _FRICTION = fields(
     ("stiffness", "f8"),  # σ0 [N/m]
     ("damping", "f8"),  # σ1 [N·s/m]
     ("viscous", "f8"),  # σ2 [N·s/m]
-    ("elastic", "f8"),  # share of the breakaway up to which bristles only bend
+    ("elastic", "f8"),  # share of the breakaway up to which bristles deform elastically only
 )
 
 
 @kernel
 def _slip(f: Record, bent: float, level: float, forward: bool) -> float:
-    """α, the share of a motion that slips: none where bristles only bend, all at the greatest deflection.
+    """α, slipping share of a displacement: zero for elastic bristles, one at the maximum deflection.
 
     `bent` and `level` are σ0|z| and g(v) [N]; Dupont et al. 2002, eq. (12)."""
     if f.elastic <= 0.0:
@@ -56,7 +56,7 @@ def _slip(f: Record, bent: float, level: float, forward: bool) -> float:
 
 @kernel
 def _rub(memory: Records, friction: Records, p: Array, v: Array, wrench: Array) -> None:
-    """Bend the bristles by the way to `p` (3,) [m], and fill `wrench` (6,) with the force against it [N]."""
+    """Deform the bristles by the displacement to `p` (3,) [m], and fill `wrench` (6,) with the opposing force [N]."""
     m, f = memory[0], friction[0]
     z, place = m.bristle, m.place
     if m.placed == 0.0:
@@ -76,7 +76,7 @@ def _rub(memory: Records, friction: Records, p: Array, v: Array, wrench: Array) 
     ratio = speed / f.fading
     level = f.sliding + (f.breakaway - f.sliding) * np.exp(-ratio * ratio)
     slip = _slip(f, f.stiffness * bent, level, along >= 0.0)
-    # Backward Euler of ż = v − α σ0|v|/g(v) z, by the way instead of time: stable for ways of any length
+    # Backward Euler of ż = v − α σ0|v|/g(v) z, over displacement instead of time: stable for steps of any length
     left = 1.0 / (1.0 + slip * f.stiffness * way / level)
     m.energy = 0.0
     for i in range(3):
@@ -89,7 +89,7 @@ def _rub(memory: Records, friction: Records, p: Array, v: Array, wrench: Array) 
 
 @dataclass(frozen=True)
 class Friction(DynamicWorld):
-    """Dry friction that sticks, with presliding, hysteresis and breakaway.
+    """Dry friction with stiction: presliding, hysteresis and breakaway.
 
     The LuGre model: bristles of mean deflection z bend with the displacement and slip when they are bent too far,
     ż = v − α σ0|v|/g(v) z, F = −(σ0 z + σ1 ż + σ2 v), g(v) = F_c + (F_s − F_c) exp(−(v/v_s)²). With `elastic` zero it
@@ -128,7 +128,7 @@ class Friction(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """The last position, the bristles and their energy."""
+        """Last position, bristle deflection and its energy."""
         return _FIELDS
 
     @property
@@ -138,7 +138,7 @@ class Friction(DynamicWorld):
 
     @cached_property
     def _facts(self) -> Records:
-        """(1,) _FRICTION: what does not change from tick to tick."""
+        """(1,) _FRICTION: constant settings."""
         made = np.zeros(1, dtype=_FRICTION)
         for name in _FRICTION.names or ():
             made[name] = getattr(self, name)

@@ -1,4 +1,4 @@
-"""A path: the tool is pulled to a curve and is free along it."""
+"""Path guidance without memory: the tool is attracted to a curve and free along it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Guidance", "loop_path"]
 
 @kernel
 def _nearest(p: Array, path: Array, out: Array) -> None:
-    """out (3,): the vector from the polyline's nearest point to p."""
+    """out (3,): vector from the polyline's nearest point to p."""
     best = np.inf
     for n in range(path.shape[0] - 1):
         along, square = 0.0, 0.0
@@ -37,7 +37,7 @@ def _nearest(p: Array, path: Array, out: Array) -> None:
 
 
 def loop_path(tilt_deg: float = 30.0, wave_deg: float = 10.0, waves: int = 3, radius: float = 0.05) -> Array:
-    """(n, 3) [m] a closed wavy path around the summit, on the sphere of `radius` of a touching tool's magnet."""
+    """(n, 3) [m] closed wavy path around the summit, on the sphere of `radius` of a touching tool's magnet."""
     turn = np.linspace(0, 2 * np.pi, 241)
     tilt = np.radians(tilt_deg + wave_deg * np.cos(waves * turn))
     return radius * np.column_stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
@@ -45,7 +45,7 @@ def loop_path(tilt_deg: float = 30.0, wave_deg: float = 10.0, waves: int = 3, ra
 
 @dataclass(frozen=True)
 class Guidance(World):
-    """Pull towards the nearest point of a path (n, 3) [m], free along it: the gradient of a valley around the path.
+    """Attraction to the nearest point of a path (n, 3) [m], free along it: the gradient of a valley around the path.
 
     U = F s (√(1 + r²/s²) − 1): a spring of stiffness F/s near the path that never exceeds F. Where two sections of
     the path are equally near, the force jumps.
@@ -71,7 +71,7 @@ class Guidance(World):
         return self.strength
 
     def wrench(self, state: State) -> Array:
-        """(6,) pull towards the path [N]."""
+        """(6,) attraction to the path [N]."""
         away = np.empty(3)
         _nearest(state.p, self._path, away)  # type: ignore[attr-defined]
         x, y, z = away.tolist()

@@ -1,4 +1,4 @@
-"""Worlds that move, change and follow: their parameters are functions of time and tool position."""
+"""Time-varying worlds: their parameters are functions of time and tool position."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["ChangingTerrain", "Orbit", "Summits", "Varying", "Wander"]
 
 @dataclass(frozen=True)
 class Varying(World):
-    """World that is another world in every tick: changing terrain, domes that follow the tool.
+    """World given by a function of time and tool position: changing terrain, domes that follow the tool.
 
     It can do work, so it is declared active, and not continuous.
 
@@ -54,7 +54,8 @@ class Varying(World):
         return replace(self, device=device)
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the current world [N, N·m]. Raises InputError if that world has a memory, which would be lost."""
+        """(6,) wrench of the current world [N, N·m]. Raises InputError if that world has a memory, which would be
+        lost."""
         assert self.at is not None
         world = self.at(state)
         if world.remembers:
@@ -64,7 +65,7 @@ class Varying(World):
 
 @dataclass(frozen=True)
 class Orbit(World):
-    """A dome whose summit moves in a circle and pushes the tool sideways as it passes."""
+    """Dome with a summit that moves in a circle and pushes the tool sideways as it passes."""
 
     asks = "force"
     passive: ClassVar[bool] = False
@@ -92,7 +93,7 @@ class Orbit(World):
         return self.dome.bound
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the dome where its summit is at the state's time [N]."""
+        """(6,) wrench of the dome with its summit at the state's time [N]."""
         turn = 2 * pi * self.turns_per_second * state.t
         s = sin(radians(self.tilt_deg))
         summit = (s * cos(turn), s * sin(turn), cos(radians(self.tilt_deg)))
@@ -101,7 +102,7 @@ class Orbit(World):
 
 @dataclass(frozen=True)
 class Wander(World):
-    """A summit that wanders over the device on a path that never repeats.
+    """Dome with a summit that moves over the device on a path that never repeats.
 
     Tilt and azimuth of the summit each follow two oscillations whose periods have no common multiple; it is
     deterministic, so the same time gives the same position.
@@ -133,7 +134,7 @@ class Wander(World):
         return self.dome.bound
 
     def summit(self, t: float) -> tuple[float, float, float]:
-        """The summit's direction (3,) at time `t` [s]: a unit vector."""
+        """Direction of the summit (3,) at time `t` [s]: a unit vector."""
         turn = 2 * pi * self.pace * t
         x = 0.6 * sin(turn) + 0.4 * sin(5**0.5 * turn)
         y = 0.6 * cos(2**0.5 * turn) + 0.4 * sin(3**0.5 * turn)
@@ -142,7 +143,7 @@ class Wander(World):
         return (sin(tilt) * cos(azimuth), sin(tilt) * sin(azimuth), cos(tilt))
 
     def wrench(self, state: State) -> Array:
-        """(6,) of the dome where its summit is at the state's time [N]."""
+        """(6,) wrench of the dome with its summit at the state's time [N]."""
         return replace(self.dome, summit=self.summit(state.t)).wrench(state)
 
 
@@ -152,7 +153,8 @@ class Wander(World):
 
 @dataclass(frozen=True)
 class Summits(World):
-    """Several summits in one map, on a circle about the centre: each a dome with its own cut-off, pushing or pulling.
+    """Several summits in one map, on a circle about the centre: each a dome with its own cut-off, repelling or
+    attracting.
 
     Where their cut-offs overlap, the maps add. Every other summit can have the opposite sign, a valley
     between two mountains.
@@ -200,13 +202,13 @@ class Summits(World):
 
     @property
     def bound(self) -> float:
-        """[N]: that of one summit if their cut-offs do not overlap, else of all together."""
+        """[N]: that of one summit if their cut-offs do not overlap, otherwise of all together."""
         bounds = [dome.bound for dome in self.domes]
         return sum(bounds) if overlaps(self.domes) else max(bounds)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Whether maps overlap, and by how much."""
+        """Overlap of the maps, if any."""
         most = max((excess for _, _, excess in overlaps(self.domes)), default=0.0)
         return (f"neighbouring maps overlap by {most:.0f} deg and add there",) if most else ()
 

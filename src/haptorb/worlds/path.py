@@ -1,4 +1,4 @@
-"""A path for guidance: a curve on or above the dome, parametrised by arc length."""
+"""Path for guidance: a curve on or above the dome, parametrised by arc length."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Checks of a path: it must not cross itself or leave the workspace.
+# Checks of a path: no crossing, and within the workspace.
 
 
-_CLOSE = 1e-3  #: parts nearer to each other cannot be distinguished with a hand on the tool [m]
-_PATH_CHECKS_APART = 6e-3  #: along the path; nearer places belong to one part, also around a corner of 20 degrees [m]
-_INSIDE = 0.5e-3  #: by which a path may lie below contact, where only a tilted tool gets [m]
+_MIN_CLEARANCE_M = 1e-3  #: sections nearer to each other cannot be distinguished with a hand on the tool [m]
+#: arc length within which points belong to one section, also around a corner of 20 degrees [m]
+_SECTION_LENGTH_M = 6e-3
+_CONTACT_TOLERANCE_M = 0.5e-3  #: tolerance of a path below contact, which only a tilted tool reaches [m]
 
 
 def _write_place(p: Array) -> str:
@@ -46,7 +47,7 @@ def _write_place(p: Array) -> str:
 
 def check_crossing(places: Array, spacing: float, closed: bool) -> None:
     """Raise InputError where `places` (n, 3) [m], `spacing` [m] apart, come within 1 mm of an earlier section."""
-    every = max(round(0.5 * _CLOSE / spacing), 1)
+    every = max(round(0.5 * _MIN_CLEARANCE_M / spacing), 1)
     points = places[::every]
     step, count = every * spacing, len(points)
     total = spacing * (len(places) - 1)
@@ -54,7 +55,7 @@ def check_crossing(places: Array, spacing: float, closed: bool) -> None:
         arcs = step * (np.arange(k + 1, count) - k)
         away = np.minimum(arcs, total - arcs) if closed else arcs
         gap = np.linalg.norm(points[k + 1 :] - points[k], axis=1)
-        near = (away > _PATH_CHECKS_APART) & (gap < _CLOSE)
+        near = (away > _SECTION_LENGTH_M) & (gap < _MIN_CLEARANCE_M)
         if near.any():
             other = float(step * (k + 1 + int(np.argmax(near))))
             raise InputError(
@@ -77,7 +78,7 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
     steepest = float(getattr(device, "workspace_half_angle", np.pi / 2))
     tilt = np.arccos(np.clip(places[:, 2] / distance, -1.0, 1.0))
     ways = (
-        (shell.contact_distance - distance - _INSIDE, "inside the dome, where the tool cannot be", "m",
+        (shell.contact_distance - distance - _CONTACT_TOLERANCE_M, "inside the dome, where the tool cannot be", "m",
          f"keep every point at least {1e3 * shell.contact_distance:g} mm from the centre"),
         (distance - highest - 1e-6, "above the shell in which forces are rendered", "m",
          f"keep every point within {1e3 * highest:g} mm of the centre"),
@@ -94,11 +95,11 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
             )
 
 
-_SPACING = 0.25e-3  #: between two stored places [m], finer than a hand can tell
-_SHORTEST = 5e-3  #: a shorter path gives no guidance [m]
+_SPACING = 0.25e-3  #: spacing of the stored points [m], finer than a hand can distinguish
+_MIN_LENGTH_M = 5e-3  #: minimum length for guidance [m]
 _MAX_LENGTH_M = 2.0  #: [m]
-_MAX_POINTS = 10_000  #: points that a person may give
-_SAME = 1e-6  #: two points nearer to each other are one [m]
+_MAX_POINTS = 10_000  #: maximum number of given points
+_MIN_POINT_DISTANCE_M = 1e-6  #: minimum distance of distinct points [m]
 
 
 @final
@@ -137,7 +138,7 @@ class GuidancePath:
         return self.spacing * (len(self.places) - 1)
 
     def find_place(self, arc: float) -> Array:
-        """(3,) [m] the point at `arc` [m] along the path; its ends, beyond them."""
+        """(3,) [m] point at `arc` [m] along the path, clamped to its ends."""
         at = min(max(arc / self.spacing, 0.0), len(self.places) - 1.0)
         k = min(int(at), len(self.places) - 2)
         place: Array = self.places[k] + (at - k) * (self.places[k + 1] - self.places[k])
@@ -183,13 +184,13 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
         raise InputError(f"a path needs at least two points, shape (k, 3); got shape {corners.shape}")
     if len(corners) > _MAX_POINTS:
         raise InputError(f"a path may have at most {_MAX_POINTS} points; got {len(corners)}: leave out every other one")
-    ends_meet = bool(np.linalg.norm(corners[0] - corners[-1]) <= _SAME)
+    ends_meet = bool(np.linalg.norm(corners[0] - corners[-1]) <= _MIN_POINT_DISTANCE_M)
     closed = ends_meet if closed is None else closed
     if closed and not ends_meet:
         corners = np.vstack((corners, corners[:1]))
     steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    if (steps <= _SAME).any():
-        twice = int(np.argmax(steps <= _SAME)) + 1
+    if (steps <= _MIN_POINT_DISTANCE_M).any():
+        twice = int(np.argmax(steps <= _MIN_POINT_DISTANCE_M)) + 1
         raise InputError(f"points {twice} and {twice + 1} of the path are equal: leave one out")
     if closed and len(corners) < 4:
         raise InputError("a closed path needs at least three points")
@@ -199,13 +200,13 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
             f"point {int(distances.argmin()) + 1} of the path lies in the dome's centre: points are in metres"
         )
     total = float(steps.sum())
-    if not 0.5 * _SHORTEST <= total <= 2 * _MAX_LENGTH_M:
+    if not 0.5 * _MIN_LENGTH_M <= total <= 2 * _MAX_LENGTH_M:
         raise InputError(
             f"a path must be 5 mm to 2 m long; this one is {total:.4g} m: points are in metres, or mm in a file"
         )
     fine = _interpolate(corners, np.concatenate(([0.0], np.cumsum(steps))), closed, smooth)
     gone = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))))
-    if not _SHORTEST <= gone[-1] <= _MAX_LENGTH_M:
+    if not _MIN_LENGTH_M <= gone[-1] <= _MAX_LENGTH_M:
         raise InputError(f"a path must be 5 mm to 2 m long; this one is {gone[-1]:.4g} m")
     count = max(int(np.ceil(gone[-1] / _SPACING)), 20)
     places = _resample(fine, gone, np.linspace(0.0, gone[-1], count + 1))
@@ -222,11 +223,11 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
 
 
 def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Array:
-    """(n, 3) many places between `corners` (k, 3), which lie at the chord lengths `gone` (k,) [m]."""
+    """(n, 3) dense points between `corners` (k, 3), which have the chord lengths `gone` (k,) [m]."""
     at = np.unique(np.concatenate([gone, np.linspace(0.0, gone[-1], 2 + int(gone[-1] / (0.5 * _SPACING)))]))
     straight = _resample(corners, gone, at)
     if smooth and len(corners) > 2:
-        from scipy.interpolate import CubicSpline  # loaded only where points are given
+        from scipy.interpolate import CubicSpline  # imported only when points are given
 
         straight = CubicSpline(gone, corners, bc_type="periodic" if closed else "natural")(at)
     lengths = np.linalg.norm(straight, axis=1, keepdims=True)
@@ -238,12 +239,12 @@ def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Arr
 
 
 def _resample(places: Array, gone: Array, at: Array) -> Array:
-    """(n, 3) what lies at the lengths `at` (n,) [m] of a line through `places`, which lie at `gone` [m]."""
+    """(n, 3) points at the lengths `at` (n,) [m] of a polyline through `places`, which have the lengths `gone` [m]."""
     return np.column_stack([np.interp(at, gone, places[:, i]) for i in range(3)])
 
 
 # --------------------------------------------------------------------------------------------------
-# A path in a table: one point per line, in millimetres.
+# Path in a table: one point per line, in millimetres.
 
 
 _HEAD = "x_mm,y_mm,z_mm"
@@ -272,7 +273,7 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
         For a file that cannot be read, another header, or an invalid number, with the line; and as `make_path`.
     """
     path = Path(file).expanduser()
-    # Spreadsheet programs begin a file with a byte order mark.
+    # Spreadsheet programs write a byte order mark at the beginning of a file.
     lines = read_text(path, "path file", InputError, kind=FileKind.TABLE).splitlines()
     if not lines or "".join(lines[0].split()) != _HEAD:
         raise InputError(
@@ -303,8 +304,8 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
 
 #: in the order of the world's parameter `shape`
 SHAPES = ("line", "circle", "square", "spiral")
-_FIRST_TILT = 6.0  #: at which the spiral begins [deg]
-_PITCH = 9.0  #: by which it widens in a turn [deg]
+_FIRST_TILT = 6.0  #: start of the spiral [deg]
+_PITCH = 9.0  #: increase of its tilt per turn [deg]
 
 
 @lru_cache(maxsize=32)
@@ -333,18 +334,18 @@ def make_shape(name: str, size_deg: float = 25.0, radius: float = 0.05) -> Guida
 
 
 def _place(tilt_deg: Array, turn: Array, radius: float) -> Array:
-    """(n, 3) [m] the places at `tilt_deg` (n,) [deg] from the summit and `turn` (n,) [rad] about it."""
+    """(n, 3) [m] points at `tilt_deg` (n,) [deg] from the summit and azimuth `turn` (n,) [rad]."""
     tilt = np.radians(tilt_deg)
     return radius * np.column_stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
 
 
 # --------------------------------------------------------------------------------------------------
-# A path as the console draws it: a thin tube.
+# Path as drawn in the console: a thin tube.
 
 
 _RADIUS = 0.35e-3  #: of the tube [m]
-_PATH_DRAWING_APART = 1.5e-3  #: of two rings, unless there are `_MOST` [m]
-_MAX_RINGS = 320  #: rings: a path of 2 m is no load for the page
+_RING_SPACING_M = 1.5e-3  #: spacing of the rings, up to `_MAX_RINGS` [m]
+_MAX_RINGS = 320  #: limit for a path of 2 m, so that the page stays fast
 _SIDES = 4
 
 
@@ -357,12 +358,12 @@ def draw_path(path: GuidancePath, lower: float = 0.0) -> Shape:
     'mesh'
     """
     last = len(path.places) - 1
-    count = min(max(int(np.ceil(path.length / _PATH_DRAWING_APART)), 2), _MAX_RINGS)
+    count = min(max(int(np.ceil(path.length / _RING_SPACING_M)), 2), _MAX_RINGS)
     rings = np.round(np.linspace(0, last, count + 1)).astype(int)
     centres, along = path.places[rings], path.tangents[rings]
     outward = centres / np.linalg.norm(centres, axis=1, keepdims=True)
     side = np.cross(along, outward)
-    steep = np.linalg.norm(side, axis=1) < 0.1  # straight away from the centre: any direction across will do
+    steep = np.linalg.norm(side, axis=1) < 0.1  # straight away from the centre: any normal direction is valid
     side[steep] = np.cross(along[steep], (0.6, 0.8, 0.0))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     turn = np.arange(_SIDES) * 2 * np.pi / _SIDES

@@ -1,4 +1,4 @@
-"""Planned guidance: the person sets the pace; the device corrects the deviation from a path with little heat."""
+"""Path guidance by predictive contouring control: the user sets the pace, the coils' heat is part of the cost."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The point of a path nearest to the hand, searched near that of the previous tick.
+# Nearest point of a path, searched near that of the previous tick.
 
 
 @kernel
@@ -44,7 +44,7 @@ def _square(p: Array, places: Array, k: int) -> float:
 
 @kernel
 def _refine(p: Array, places: Array, spacing: float, k: int) -> float:
-    """The arc length [m] of the point nearest to p, near the place k, on the line through its neighbours."""
+    """Arc length [m] of the point nearest to p, near the sample k, on the polyline through its neighbours."""
     first, last = max(k - 1, 0), min(k + 1, places.shape[0] - 1)
     along, square = 0.0, 0.0
     for i in range(3):
@@ -89,7 +89,7 @@ def follow_arc(p: Array, places: Array, spacing: float, closed: bool, arc: float
 
 @kernel
 def fill_frame(places: Array, tangents: Array, spacing: float, arc: float, frame: Array) -> None:
-    """frame (4, 3): the point at `arc` [m], the tangent, the sideways direction and the outward direction there."""
+    """frame (4, 3): the point at `arc` [m], with the tangential, sideways and outward directions there."""
     last = places.shape[0] - 1
     at = min(max(arc / spacing, 0.0), float(last))
     k = min(int(at), last - 1)
@@ -109,7 +109,7 @@ def fill_frame(places: Array, tangents: Array, spacing: float, arc: float, frame
         frame[3, i] = frame[0, i] / radius - along * frame[1, i]
         length += frame[3, i] * frame[3, i]
     length = np.sqrt(length)
-    if not length > 1e-6:  # straight away from the centre: any direction across will do
+    if not length > 1e-6:  # straight away from the centre: any normal direction is valid
         x = 1.0 if abs(frame[1, 0]) < 0.7 else 0.0
         for i in range(3):
             frame[3, i] = (x if i == 0 else (1.0 - x if i == 1 else 0.0)) - (
@@ -124,11 +124,11 @@ def fill_frame(places: Array, tangents: Array, spacing: float, arc: float, frame
 
 
 # --------------------------------------------------------------------------------------------------
-# A small convex problem with bounds, solved exactly within a bounded time: projected Newton steps.
+# Box-constrained quadratic program, solved in a bounded time: projected Newton method.
 #
 # min ½ xᵀHx + gᵀx, low ≤ x ≤ high. In every step the variables at an active bound are fixed; the others take a Newton
-# step that is projected onto their bounds and shortened until the cost decreases (Bertsekas 1982). From the last
-# solution it takes two or three steps; the result is within the bounds even if the number of steps was not enough.
+# step that is projected onto their bounds and shortened until the cost decreases (Bertsekas 1982). Warm-started, it
+# takes two or three steps; the result is within the bounds even if the number of steps was not sufficient.
 
 
 _HALVINGS = 20
@@ -243,25 +243,25 @@ def _cost(hessian: Array, linear: Array, x: Array) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# One tick of predictive contouring control: progress, estimate of the hand's force, and the plan of the force.
+# One tick of predictive contouring control: progress, estimate of the hand's force, and the planned force.
 #
 # After Langerak, Zárate, Vechev, Lindlbauer, Panozzo and Hilliges, "Optimal Control for Electromagnetic Haptic Guidance
 # Systems", UIST 2020: the hand's own progress, not a clock, determines the reference; a plan over a short horizon
 # weighs the deviation across the path against the heat of the coils, and only its first step is used.
 
 
-WORK = 64  #: rows of the scratch memory: Hessian, three vectors, the solver's own, frames
-_REACH = 3e-3  #: of progress in a tick [m]: 3 m/s at 1 kHz
-_LOST = 15e-3  #: a hand farther from its place on the path has been set down elsewhere [m]
-_PACE = 0.15  #: time constant with which the pace is smoothed [s]
-_RISE = 0.25  #: time constant with which guidance follows the pace [s]
-_MAX_NEWTON_STEPS = 30  #: Newton steps
-_PRECISION = 1e-5  #: of the plan [N]
+WORK = 64  #: rows of the scratch memory: Hessian, three vectors, workspace of the solver, frames
+_SEARCH_RANGE_M = 3e-3  #: search range of the progress per tick [m]: 3 m/s at 1 kHz
+_MAX_PATH_DISTANCE_M = 15e-3  #: distance from the path's point above which the tool was set down elsewhere [m]
+_PACE_TIME_CONSTANT_S = 0.15  #: time constant of the pace's low-pass filter [s]
+_GUIDANCE_TIME_CONSTANT_S = 0.25  #: time constant with which guidance follows the pace [s]
+_MAX_NEWTON_STEPS = 30  #: per tick
+_PRECISION = 1e-5  #: tolerance of the plan [N]
 
 
 @kernel
 def _observe(m: Record, s: Record, frame: Array, p: Array, v: Array, dt: float) -> None:
-    """Bring deviation, its rate, the hand's push and the pace up to this tick: an observer of e'' = (f + d − be')/m.
+    """Update deviation, its rate, the hand's force and the pace: an observer of e'' = (f + d − be')/m.
 
     The force that acted meanwhile is the last one. All poles are at s.observer; the push is held within what guidance
     can resist."""
@@ -269,10 +269,10 @@ def _observe(m: Record, s: Record, frame: Array, p: Array, v: Array, dt: float) 
     along = 0.0
     for i in range(3):
         along += frame[1, i] * v[i]
-    m.pace += -np.expm1(-dt / _PACE) * (along - m.pace)
+    m.pace += -np.expm1(-dt / _PACE_TIME_CONSTANT_S) * (along - m.pace)
     square = m.pace * m.pace
     wanted = 1.0 if s.slowest == 0.0 else square / (square + s.slowest * s.slowest)
-    m.share += -np.expm1(-dt / _RISE) * (wanted - m.share)
+    m.share += -np.expm1(-dt / _GUIDANCE_TIME_CONSTANT_S) * (wanted - m.share)
     most = 2.0 * s.strength
     for a in range(2):
         y, force = 0.0, 0.0
@@ -289,7 +289,7 @@ def _observe(m: Record, s: Record, frame: Array, p: Array, v: Array, dt: float) 
 
 @kernel
 def _weigh_heat(s: Record, frame: Array, matrix: Array, passive: Array, ohms: Array, out: Array, per: Array) -> bool:
-    """out (2, 2) [1/N²] and out[2] (2,) [1/N]: heat's share of the cost of the force across the path.
+    """out (2, 2) [1/N²] and out[2] (2,) [1/N]: contribution of heat to the cost of the force across the path.
 
     The currents of a force F are i = A⁻¹(F − F₀), F₀ what the core pulls by itself: power iᵀRi. per (3, 3) becomes A⁻¹.
     False, and zeros, where there is no device with three coils.
@@ -325,7 +325,7 @@ def _weigh_heat(s: Record, frame: Array, matrix: Array, passive: Array, ohms: Ar
 
 @kernel
 def _plan(m: Record, s: Record, heat: Array, work: Array) -> None:
-    """Find the forces of the horizon, sideways then outward, each at most s.strength: row 2n + 3 of `work`.
+    """Solve for the forces of the horizon, sideways then outward, each at most s.strength: row 2n + 3 of `work`.
 
     Those sideways begin at the last plan, m.plan (n,), the others at zero."""
     n = s.from_push.size
@@ -373,13 +373,13 @@ def advance_plan(
     if m.started == 0.0:
         m.arc = find_arc(p, places, s.spacing)
     else:
-        m.arc = follow_arc(p, places, s.spacing, s.closed, m.arc, _REACH)
+        m.arc = follow_arc(p, places, s.spacing, s.closed, m.arc, _SEARCH_RANGE_M)
     fill_frame(places, tangents, s.spacing, m.arc, frame)
     gap, lag = 0.0, 0.0
     for i in range(3):
         gap += (p[i] - frame[0, i]) ** 2
         lag += (p[i] - frame[0, i]) * frame[1, i]
-    if m.started == 1.0 and gap > _LOST * _LOST:
+    if m.started == 1.0 and gap > _MAX_PATH_DISTANCE_M * _MAX_PATH_DISTANCE_M:
         m.started = 0.0
         m.arc = find_arc(p, places, s.spacing)
         fill_frame(places, tangents, s.spacing, m.arc, frame)
@@ -413,13 +413,13 @@ def advance_plan(
 
 
 # --------------------------------------------------------------------------------------------------
-# The state of the controller between two ticks, and its settings.
+# State of the controller between two ticks, with its settings.
 
 
-STEPS = 12  #: of the plan
-SETTLE = 0.03  #: an approach to the path that takes so long costs as much as the deviation itself [s]
+STEPS = 12  #: number of steps of the plan
+SETTLE = 0.03  #: approach time to the path whose cost equals that of the deviation itself [s]
 
-#: What the controller remembers. "Across" are two directions: sideways along the sphere, and outward from the centre.
+#: State of the controller. "Across" are two directions: sideways along the sphere, and outward from the centre.
 MEMORY = (
     MemoryField("started", "1", "1 once a position on the path was found"),
     MemoryField("arc", "m", "progress: distance along the path"),
@@ -436,30 +436,30 @@ MEMORY = (
     MemoryField("plan", "N", "sideways force in every step of the plan", (STEPS,)),
 )
 
-#: The weights and the hand, as the kernel takes them.
+#: Weights and hand model in the form that the kernel needs.
 SETTINGS = fields(
-    ("strength", "f8"),  # most force [N]
-    ("height", "f8"),  # share of the guidance outward from the centre
+    ("strength", "f8"),  # maximum force [N]
+    ("height", "f8"),  # weight of the guidance outward from the centre
     ("step", "f8"),  # of the plan [s]
     ("tolerance", "f8"),  # deviation that costs 1 [m]
     ("heat", "f8"),  # cost of 1 W [1/W]
-    ("power", "f8"),  # of the supply: more heat there is not [W]
+    ("power", "f8"),  # of the supply: upper limit of the heat [W]
     ("change", "f8"),  # change of the force from step to step that costs 1 [N]
-    ("slowest", "f8"),  # pace at which half of the guidance is given [m/s]
+    ("slowest", "f8"),  # pace at which guidance is reduced to half [m/s]
     ("mass", "f8"),  # of hand and tool [kg]
     ("damping", "f8"),  # of the hand [N·s/m]
-    ("observer", "f8"),  # its poles [rad/s]
-    ("lower", "f8"),  # by how much the tip is nearer to the centre than the tool's magnet [m]
+    ("observer", "f8"),  # poles of the observer [rad/s]
+    ("lower", "f8"),  # distance of the tip below the tool's magnet, towards the centre [m]
     ("closed", "?"),
-    ("spacing", "f8"),  # of the path's places [m]
+    ("spacing", "f8"),  # spacing of the path's points [m]
     ("cost", "f8", (STEPS, STEPS)),  # Hessian of one direction, without heat [1/N²]
     ("from_place", "f8", (STEPS, 2)),  # gradient per deviation and rate [1/(N·m), s/(N·m)]
-    ("from_push", "f8", (STEPS,)),  # gradient per push of the hand [1/N²]
+    ("from_push", "f8", (STEPS,)),  # gradient per force of the hand [1/N²]
 )
 
 
 def weigh_plan(settings: Records) -> None:
-    """Fill in the terms of the cost of a plan, from the weights of `settings`, (1,) SETTINGS.
+    """Compute the terms of the cost of a plan, from the weights of `settings`, (1,) SETTINGS.
 
     The hand is a mass with a damper, e'' = (f + d − b e')/m, with the force f constant in each step and the push d in
     all. After k steps, e and e' are linear in e₀, e₀', d and the forces before; the cost is Σ (e_k² + (SETTLE
@@ -470,7 +470,7 @@ def weigh_plan(settings: Records) -> None:
     one = settings[0]
     step, mass, damping = float(one["step"]), float(one["mass"]), float(one["damping"])
     decay = np.exp(-damping * step / mass)
-    reach = mass / damping * (1.0 - decay)  # by a rate of 1, in a step
+    reach = mass / damping * (1.0 - decay)  # displacement by a rate of 1, in a step
     advance = np.array([[1.0, reach], [0.0, decay]])
     gain = np.array([(step - reach) / damping, (1.0 - decay) / damping])
     free, response = np.zeros((STEPS, 2, 2)), np.zeros((STEPS, 2, STEPS))
@@ -482,7 +482,7 @@ def weigh_plan(settings: Records) -> None:
         free[k], response[k] = now, then
     weights = np.array([1.0, SETTLE**2]) / float(one["tolerance"]) ** 2
     change = np.eye(STEPS) - np.eye(STEPS, k=-1)
-    change[0, 0] = 0.0  # the first step may differ from what was
+    change[0, 0] = 0.0  # no cost for the difference between the first step and the previous force
     cost: Array = np.einsum("kaj,a,kal->jl", response, weights, response)
     settings["cost"] = 2.0 * (cost + change.T @ change / float(one["change"]) ** 2 + 1e-6 * np.eye(STEPS))
     settings["from_place"] = 2.0 * np.einsum("kaj,a,kab->jb", response, weights, free)
@@ -491,7 +491,7 @@ def weigh_plan(settings: Records) -> None:
 
 @dataclass(frozen=True)
 class PathGuidance(DynamicWorld):
-    """Planned guidance that keeps the tool on a path: contouring control after Langerak et al., UIST 2020.
+    """Predictive guidance that keeps the tool on a path: contouring control after Langerak et al., UIST 2020.
 
     In every tick it estimates deviation, its rate and the hand's force across the path, predicts them over
     `horizon`, and chooses the forces with the lowest cost: Σ (deviation² + (30 ms · rate)²)/tolerance² + heat_weight ·
@@ -548,7 +548,7 @@ class PathGuidance(DynamicWorld):
 
     @cached_property
     def curve(self) -> GuidancePath:
-        """The path [m]."""
+        """Path [m]."""
         return self.path if isinstance(self.path, GuidancePath) else self._find_shape(self.device)
 
     @property
@@ -576,7 +576,7 @@ class PathGuidance(DynamicWorld):
 
     @property
     def name(self) -> str:
-        """Its name in the catalogue."""
+        """Name in the catalogue."""
         return "path_guidance"
 
     @property
@@ -586,29 +586,29 @@ class PathGuidance(DynamicWorld):
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The path, and the point on it that the hand has reached."""
+        """Path, and its point at the present progress."""
         return draw_path(self.curve, self._lower), Shape("progress", "sphere", (0.0015,), "place")
 
     @property
     def _lower(self) -> float:
-        """By how much a tool's tip is nearer to the centre than its magnet, which the path is for [m]."""
+        """Distance of a tool's tip below its magnet, for which the path is defined [m]."""
         shell = None if self.device is None else self.device.shell
         return 0.0 if shell is None else shell.contact_distance - shell.dome_radius
 
     def begin(self) -> Records:
-        """(1,) no observation yet; progress at the beginning of the path."""
+        """(1,) initial state: no observation; progress at the beginning of the path."""
         memory = make_memory(MEMORY)
         first = self.curve.places[0]
         memory["place"] = first * (1.0 - self._lower / np.linalg.norm(first))
         return memory
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
-        """Keep everything, unless the path changed: then find the hand's position on it again. In the fields' units."""
+        """Keep the state unless the path changed: then search the hand's position on it again. In the fields' units."""
         if isinstance(previous, PathGuidance) and np.array_equal(previous.curve.places, self.curve.places):
             memory[:] = old
 
     def wrench(self, state: State) -> Array:
-        """(6,) the first force on a hand that moves along the path at `state` [N], for force maps."""
+        """(6,) first planned force for a hand that moves along the path at `state` [N], for force maps."""
         return replace(self, rest_pace=0.0).advance(self.begin(), state, 1e-3)
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
@@ -618,7 +618,7 @@ class PathGuidance(DynamicWorld):
         if device is not None and device.channels == 3:
             try:
                 known = device.wrench_map(state, device.models[0])
-            except GeometryError:  # a place that no tool can have: heat is not weighed there
+            except GeometryError:  # a pose that no tool can have: its heat is not in the cost
                 actuation[:] = 0.0
             else:
                 actuation[:, :3], actuation[:, 3] = known.force, known.passive[:3]

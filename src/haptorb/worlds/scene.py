@@ -1,4 +1,4 @@
-"""A scene as a world: the mover holds one of its bodies through a virtual coupling."""
+"""Scene as a world: the mover holds one of its bodies through a virtual coupling."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ __all__ = ["Scene", "SceneFile", "SceneWork", "describe_scene", "parse_scene_fil
 # Shapes of a scene for the console: fixed, or moved by rows of the memory.
 
 
-_MAX_SHAPE_CORNERS = 20_000  #: corners of all meshes; more is no picture but a load for the page
-_PLANE = (0.1, 0.1, 5e-4)  #: half lengths of the plate that stands for an endless plane [m]
+_MAX_SHAPE_CORNERS = 20_000  #: maximum number of corners of all meshes, so that the page stays fast
+_PLANE = (0.1, 0.1, 5e-4)  #: half lengths of the plate displayed for an infinite plane [m]
 
 
 def describe_scene(scene: SceneModel, body: int, drawn: tuple[int, ...]) -> tuple[Shape, ...]:
-    """Every visible shape of `scene`; `drawn` are those whose poses are in the memory, in the order of its rows.
+    """All visible shapes of `scene`; `drawn` are those whose poses are in the memory, in the order of its rows.
 
     A shape of `body`, or of its children, is held. Shapes that MuJoCo does not draw by default (groups 3 to 5) are
     left out, and so are meshes beyond 20 000 vertices in total.
@@ -80,7 +80,7 @@ def _is_carried(model: Any, body: int, carrier: int) -> bool:
 
 
 def _describe(engine: Any, model: Any, n: int) -> tuple[str, tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
-    """Kind, measures, points and corners of shape `n`; an empty kind for what has no picture here."""
+    """Kind, size, points and corners of shape `n`; an empty kind if it cannot be displayed."""
     kinds, size = engine.mjtGeom, [max(float(x), 1e-6) for x in model.geom_size[n]]
     kind = int(model.geom_type[n])
     if kind == kinds.mjGEOM_MESH:
@@ -105,18 +105,18 @@ def _describe(engine: Any, model: Any, n: int) -> tuple[str, tuple[float, ...], 
 
 
 # --------------------------------------------------------------------------------------------------
-# A step of a scene as background work.
+# Step of a scene as background work.
 
 
 @final
 class SceneWork(WorldWork):
-    """The step from `state` (n,) with the wrench `share` (6,) on the held body [N, N·m]; copies of both."""
+    """Step from `state` (n,) with the wrench `share` (6,) on the held body [N, N·m]; copies of both."""
 
     def __init__(self, pad: SceneStepper, state: Array, share: Array) -> None:
         self._pad, self._state, self._share = pad, state.copy(), share.copy()
 
     def compute(self) -> Array:
-        """(n,) the state after the step."""
+        """(n,) state after the step."""
         return self._pad.compute_step(self._state, self._share)
 
     def fits(self, memory: Records) -> bool:
@@ -129,7 +129,7 @@ class SceneWork(WorldWork):
 
 @dataclass(frozen=True)
 class Scene(DynamicWorld):
-    """MuJoCo scene of which the mover, or a motor's target, holds one body through a virtual coupling.
+    """MuJoCo scene of which the mover, or a motor's object, holds one body through a virtual coupling.
 
     Needs the extra `haptorb[scenes]`.
 
@@ -182,7 +182,7 @@ class Scene(DynamicWorld):
     control_6: float = parameter(0.0, "1", -1, 1, "change of actuator 6's control")
     control_7: float = parameter(0.0, "1", -1, 1, "change of actuator 7's control")
     control_8: float = parameter(0.0, "1", -1, 1, "change of actuator 8's control")
-    anchored: bool = False  #: the mover begins where the scene has the body: a motor's target
+    anchored: bool = False  #: the mover begins at the body's pose in the scene: a motor's object
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -191,7 +191,7 @@ class Scene(DynamicWorld):
         object.__setattr__(self, "_index", self.source.find_body(self.body))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the scratch pads, which the receiver creates again."""
+        """State without the scratch data, which the receiver creates again."""
         return {one.name: getattr(self, one.name) for one in fields(self)} | {"_index": self._index}
 
     _index: int = field(default=0, init=False, repr=False, compare=False)
@@ -209,7 +209,7 @@ class Scene(DynamicWorld):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was changed in the scene so that it can be felt."""
+        """Changes of the scene that haptic rendering needed."""
         return self.model.remarks
 
     def list_remarks(self, period: float) -> tuple[str, ...]:
@@ -219,7 +219,7 @@ class Scene(DynamicWorld):
 
     @property
     def unused_parameters(self) -> frozenset[str]:
-        """Parameters that change nothing in this scene: controls of actuators that it does not have."""
+        """Parameters without effect in this scene: controls of actuators that it does not have."""
         return frozenset(_CONTROLS[self.model.model.nu :])
 
     @property
@@ -228,7 +228,7 @@ class Scene(DynamicWorld):
         return 2.0 * self.greatest * self.scale if self.greatest else float("inf")
 
     def for_device(self, device: Device) -> Scene:
-        """With the limits of `device`, and the coupling in six degrees of freedom for one with a target."""
+        """With the limits of `device`, and the coupling in six degrees of freedom for one with an object."""
         target, limits = bool(device.kind.modes), device.limits
         stiffness, damping = (self.stiffness, self.damping) if self.stiffness else UNCHOSEN[target][:2]
         turn, turn_damping = self.turn_stiffness, self.turn_damping
@@ -243,7 +243,7 @@ class Scene(DynamicWorld):
 
     @cached_property
     def drawn(self) -> tuple[int, ...]:
-        """Indices [1] of the shapes that move."""
+        """Indices [1] of the moving shapes."""
         model = self.model.model
         return tuple(n for n in range(model.ngeom) if self.model.count_freedoms(int(model.geom_bodyid[n])))
 
@@ -263,7 +263,7 @@ class Scene(DynamicWorld):
 
     @cached_property
     def _pad(self) -> SceneStepper:
-        # One for all worlds of a scene: creating it could take several ticks, and it keeps no state.
+        # one for all worlds of a scene: creating it could take several ticks, and it is stateless.
         pads = self.model.pads
         if self._index not in pads:
             pads[self._index] = SceneStepper(self.model, self._index, np.array(self.drawn, dtype=np.int64))
@@ -285,7 +285,7 @@ class Scene(DynamicWorld):
 
     @cached_property
     def _beginning(self) -> tuple[Records, Array, Array]:
-        """Memory, and place and attitude of the body, at the beginning."""
+        """Memory, and position and attitude of the body, at the start."""
         memory = make_memory(self.memory_fields)
         state, places, turns, place, attitude = self._pad.begin()
         memory["state"][0], memory["pace"] = state, 1.0
@@ -303,11 +303,11 @@ class Scene(DynamicWorld):
         return describe_scene(self.model, self._index, self.drawn)
 
     def begin(self) -> Records:
-        """The initial state of the file, or its first keyframe [m, m/s]."""
+        """Initial state of the file, or its first keyframe [m, m/s]."""
         return self._beginning[0].copy()
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) the wrench of the coupling on the mover [N, N·m], while the scene advances by `dt` [s]."""
+        """(6,) wrench of the coupling on the mover [N, N·m], while the scene advances by `dt` [s]."""
         one, pad, wish = memory[0], self._pad, self._wish
         place, R, motion = wish
         np.multiply(state.p, self.scale, out=place)
@@ -341,7 +341,7 @@ class Scene(DynamicWorld):
 
     @cached_property
     def _controls(self) -> Array:
-        """(nu,) what the actuators hold, in their units."""
+        """(nu,) constant controls of the actuators, in their units."""
         controls, spans = self.model.controls, self.model.control_spans
         for n, name in enumerate(_CONTROLS[: len(controls)]):
             controls[n] += getattr(self, name) * spans[n]
@@ -358,20 +358,20 @@ class Scene(DynamicWorld):
         memory["detail"] = min(float(memory["detail"][0]) + 1.0, len(LEVELS) - 1.0)
 
     def find_work(self, memory: Records) -> WorldWork | None:
-        """The step that is computed in the background, of a scene whose single steps are longer than a tick [1]."""
+        """Step to be computed in the background, for a scene whose single steps are longer than a tick [1]."""
         one = memory[0]
         return SceneWork(self._pad, one["state"], one["share"]) if one["pending"] else None
 
     def is_work_due(self, memory: Records) -> bool:
-        """Whether the scene's time [1] has come to the end of that step."""
+        """Whether the scene's time [1] has reached the end of that step."""
         return bool(memory["pending"][0]) and float(memory["due"][0]) >= 1.0
 
     def take_over(self, memory: Records, result: Any) -> None:
-        """The step led to the state `result` (n,) [m, m/s]."""
+        """Accept the state `result` (n,) [m, m/s] at the end of the step."""
         take_over_step(memory[0], result)
 
     def restore(self, memory: Records) -> None:
-        """There is time again: restore one level of detail [1]."""
+        """Time is sufficient again: restore one level of detail [1]."""
         memory["detail"] = max(float(memory["detail"][0]) - 1.0, 0.0)
 
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
@@ -381,18 +381,18 @@ class Scene(DynamicWorld):
 
 
 _CONTROLS = tuple(f"control_{n}" for n in range(1, 9))  #: parameters for the controls of the first actuators
-#: for a target or not: stiffness, damping, and both about each axis, as long as nothing has chosen them: far inside of
-#: what every loop at 1 kHz renders in a light hand
+#: with an object or not: default stiffness, damping, and both about each axis: well within the stability limit of
+#: every loop at 1 kHz with a light hand
 UNCHOSEN = {False: (150.0, 1.0, 0.0, 0.0), True: (1000.0, 5.0, 0.5, 0.005)}
-_TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: that a target is ever pushed with [N, N·m]; the guard limits the rest
+_TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: limits on the wrench on an object [N, N·m]; the guard limits it further
 
 
 # --------------------------------------------------------------------------------------------------
-# A scene in a user's XML file, reloaded whenever it or a file that it names is saved.
+# Scene in a user's XML file, reloaded whenever it or a file that it names is saved.
 
 
 def parse_scene_file(text: str, body: str = "", folder: Path | None = None, assets: Path | None = None) -> SceneFile:
-    """The file of the scene `text`, supplied or a path; relative to `folder`, else to the working directory.
+    """File of the scene `text`, supplied or a path; relative to `folder`, otherwise to the working directory.
 
     assets  folder within which it may name files; by default its own
 
@@ -406,12 +406,12 @@ def parse_scene_file(text: str, body: str = "", folder: Path | None = None, asse
 
 @dataclass(frozen=True)
 class SceneFile:
-    """The scene in the XML file `path`, whose `body` is held, with `values` for some of its parameters."""
+    """Scene in the XML file `path`, whose `body` is held, with `values` for some of its parameters."""
 
     path: Path
     body: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
-    assets: Path | None = None  #: the folder within which it may name files; its own if that is None
+    assets: Path | None = None  #: folder within which it may name files; None: its own
     _watched: dict[Path, tuple[int, int, int] | None] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -426,7 +426,7 @@ class SceneFile:
         """Changes when the file or one that it names is saved, directly or through others: included scenes, meshes,
         textures. Path, and time [ns], size, inode of each, None for one that is missing; None without the scene."""
         now = {path: _stamp(path) for path in self._watched or (self.path,)}
-        if now != self._watched:  # also other files may be named now
+        if now != self._watched:  # other files may be named now
             now = {path: _stamp(path) for path in list_scene_files(self.path, self.assets)}
             self._watched.clear()
             self._watched.update(now)

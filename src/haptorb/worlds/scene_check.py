@@ -1,4 +1,4 @@
-"""What the XML of a scene asks for, looked at before MuJoCo sees it: the files that it names, and how much it makes.
+"""Validation of a scene's XML before MuJoCo parses it: the files that it names, and the size of the result.
 
 MuJoCo opens any path and makes as many bodies as `<replicate>` says. A scene may come from anybody: the files that it
 names are regular ones of bounded size in its own folder or below, and it makes a bounded number of elements.
@@ -19,17 +19,17 @@ from haptorb.files import named_file, open_regular, read_text
 
 __all__ = ["check_scene_file", "list_scene_files"]
 
-_ELEMENTS = 20_000  #: after all repetitions
+_ELEMENTS = 20_000  #: maximum number, including all repetitions
 _FILES = 200
-_BYTES = 256 * 1024 * 1024  #: of all files together
-_PIXELS = 4096 * 4096  #: of a texture that is computed
-_CELLS = 2048 * 2048  #: of a height field that has no file
-_DEEP = 90  #: elements within one another, repeated files included; MuJoCo's reader has 100
-_XML = ("include", "model")  #: elements whose file is a scene itself
+_BYTES = 256 * 1024 * 1024  #: maximum size of all files together
+_PIXELS = 4096 * 4096  #: maximum size of a generated texture
+_CELLS = 2048 * 2048  #: maximum size of a height field without a file
+_MAX_DEPTH = 90  #: maximum nesting depth, repeated files included; MuJoCo's parser has 100
+_XML = ("include", "model")  #: elements whose file is itself a scene
 
 
 def check_scene_file(path: Path, assets: Path | None = None) -> None:
-    """Raise InputError if the scene in the file `path` names a file that is not to be read, or asks for too much.
+    """Raise InputError if the scene in the file `path` names a file that must not be read, or is too large.
 
     assets  folder within which it may name files; by default its own
 
@@ -40,7 +40,7 @@ def check_scene_file(path: Path, assets: Path | None = None) -> None:
 
 def list_scene_files(path: Path, assets: Path | None = None) -> tuple[Path, ...]:
     """The scene in the file `path` and every file that it names, directly or through others, missing ones included; as
-    far as it can be read."""
+    far as it can be parsed."""
     found = _SceneCheck(path.parent, assets)
     with suppress(InputError):
         found.check(path)
@@ -49,14 +49,15 @@ def list_scene_files(path: Path, assets: Path | None = None) -> tuple[Path, ...]
 
 @dataclass
 class _SceneCheck:
-    """One scene; `folder` is its own, `assets` the one within which it may name files, if that is another."""
+    """Validation of one scene; `folder` is its own, `assets` the one within which it may name files, if different."""
 
     folder: Path
     assets: Path | None = None
     files: set[Path] = field(default_factory=set)
     missing: set[Path] = field(default_factory=set)
     size: int = 0
-    counted: dict[Path, int] = field(default_factory=dict)  #: elements of each XML file, with all that they include
+    #: number of elements of each XML file, with all included files
+    counted: dict[Path, int] = field(default_factory=dict)
 
     def check(self, path: Path) -> None:
         root = _parse(path)
@@ -66,12 +67,12 @@ class _SceneCheck:
             raise InputError(f"scene {path} makes {_round(elements)} elements; at most {_ELEMENTS} are possible")
 
     def _count(self, root: Element, path: Path, folders: list[Path], above: tuple[Path, ...]) -> int:
-        """Elements of a file's `root` after all repetitions. Without recursion: XML may be nested deeply."""
+        """Number of elements of a file's `root` including repetitions. Iterative: XML may be nested deeply."""
         total = 0
         waiting: list[tuple[Element, int, int]] = [(root, 1, 1)]
         while waiting:
             element, times, depth = waiting.pop()
-            if depth + 10 * len(above) > _DEEP:
+            if depth + 10 * len(above) > _MAX_DEPTH:
                 raise InputError(f"scene {path}: elements are nested too deep")
             times = min(times * _repetitions(element), 10**12)
             total += times * (1 + self._look(element, path, folders, above))
@@ -81,7 +82,7 @@ class _SceneCheck:
         return total
 
     def _look(self, element: Element, path: Path, folders: list[Path], above: tuple[Path, ...]) -> int:
-        """Check the files that one element names; elements of the one that it includes."""
+        """Check the files that one element names; return the number of elements of an included file."""
         for name, most in (("texture", _PIXELS), ("hfield", _CELLS)):
             sides = ("width", "height") if name == "texture" else ("nrow", "ncol")
             if element.tag == name and prod(_number(element.get(side, "0")) for side in sides) > most:
@@ -110,7 +111,7 @@ class _SceneCheck:
         return self.counted[place]
 
     def _list_folders(self, root: Element) -> list[Path]:
-        """Where MuJoCo may look for a file that the scene names."""
+        """Folders in which MuJoCo may search a file that the scene names."""
         found = [self.folder]
         for compiler in root.iter("compiler"):
             for key in ("meshdir", "texturedir", "assetdir"):
@@ -155,7 +156,7 @@ def _repetitions(element: Element) -> int:
 
 
 def _number(text: str) -> int:
-    """A count, at least 0; what is no number is for MuJoCo to refuse."""
+    """Non-negative count; MuJoCo rejects anything else."""
     try:
         return max(0, min(int(float(text)), 10**9))
     except (ValueError, OverflowError):

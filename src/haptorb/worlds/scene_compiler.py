@@ -1,4 +1,4 @@
-"""A scene compiled by MuJoCo in a process of its own, with limits of time and memory, and stepped once.
+"""Compiles a scene with MuJoCo in a separate process, with limits on time and memory, and takes one step.
 
 MuJoCo's compiler reads what anybody wrote: a mesh or a number can cost it hours, all memory, or its life. Here it
 costs a child process. The child loads MuJoCo's library and nothing else: it is there in a tenth of a second.
@@ -15,17 +15,17 @@ from typing import Any
 
 __all__ = ["compile_scene"]
 
-_SECONDS = 10  #: of the processor
-_MEMORY = 4 * 1024**3  #: bytes of addresses
+_SECONDS = 10  #: processor time
+_MEMORY = 4 * 1024**3  #: bytes of address space
 _FILE = 1024**3  #: bytes of the compiled model
 
 
 def compile_scene(engine: Any, path: Path) -> Any:
-    """The MjModel of the scene in `path`. Raises ProcessFailure if it does not compile within the limits."""
+    """Compile the scene in `path` to an MjModel. Raises ProcessFailure if it does not compile within the limits."""
     from haptorb.limited_process import ProcessFailure, run_limited
 
     library = next(Path(engine.__file__).parent.glob("libmujoco.so.*"), None)
-    if library is None:  # not Linux
+    if library is None:  # not on Linux
         return engine.MjModel.from_xml_path(str(path))
     with tempfile.TemporaryDirectory(prefix="haptorb-scene-") as folder:
         made = Path(folder, "model.mjb")
@@ -37,7 +37,7 @@ def compile_scene(engine: Any, path: Path) -> Any:
 
 
 def _compile(library: str, path: str, made: str) -> int:
-    """In the child: compile, step once, write the model."""
+    """Run in the child process: compile, take one step, write the model."""
     engine = ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
     for name in ("mj_loadXML", "mj_makeData"):
         getattr(engine, name).restype = ctypes.c_void_p

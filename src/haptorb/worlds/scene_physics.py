@@ -1,4 +1,4 @@
-"""Stepping of one scene: MuJoCo's own data are a scratch pad, filled from a memory and read back into it.
+"""Stepping of one scene: MuJoCo's data structure is scratch memory, filled from a world's memory and read back into it.
 
 All state is in the memory. So the same memory, state and dt give the same step, bit for bit, regardless of earlier
 use of this pad.
@@ -54,21 +54,20 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The pace of a scene: its own time passes as fast as the loop's, or slower while its steps take too long.
+# Pace of a scene: ratio of its time to the loop's, reduced while its steps take too long.
 #
 # The pace changes smoothly. With a sudden change, moving bodies would change their velocity relative to the hand within
-# a tick, and the hand would feel an impact. The coupling is softer at a slower pace. If its spring is stretched, a
-# rising pace would add energy to it; so the pace rises only if the coupling's damper has dissipated that energy before
-# (an energy tank, as in Ferraguti, Secchi and Fantuzzi 2013).
+# a tick, and the hand would feel an impact. The coupling is softer at a slower pace. If its spring is stretched, an
+# increasing pace would add energy to it; so the pace increases only if the coupling's damper has dissipated that energy
+# before (an energy tank, as in Ferraguti, Secchi and Fantuzzi 2013).
 
 
-#: detail → (share of the solver's iterations, pace that the scene approaches). The solver ends when it has
-#: converged: a lower limit shortens the longest steps only, and far below a half tight contacts throw a body back and
-#: forth
+#: detail → (share of the solver's iterations, pace that the scene approaches). The solver ends at convergence: a lower
+#: limit shortens the longest steps only, and far below a half tight contacts oscillate
 LEVELS = ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5), (0.5, 0.25), (0.5, 0.125), (0.5, 0.125))
-BACKGROUND = len(LEVELS) - 1  #: the level of background steps: a single step is longer than a tick
-_GLIDE = 0.1  #: in which the pace changes by a factor of e [s]
-_TANK = 2e-4  #: capacity of the tank [J]
+BACKGROUND = len(LEVELS) - 1  #: level of background steps: a single step is longer than a tick
+_PACE_TIME_CONSTANT_S = 0.1  #: time in which the pace changes by a factor of e [s]
+_TANK_CAPACITY_J = 2e-4  #: capacity of the tank [J]
 
 #: Fields of the memory of a scene.
 PACE_FIELDS = (
@@ -86,7 +85,7 @@ PACE_FIELDS = (
 
 
 class ScenePace(NamedTuple):
-    """One tick of a scene.
+    """Pace of a scene in one tick.
 
     level   of detail, an index of `LEVELS`
     steps   that are due now
@@ -103,12 +102,13 @@ class ScenePace(NamedTuple):
 
 
 def advance_pace(one: Any, steps: int, dt: float) -> ScenePace:
-    """One tick of `dt` [s], which has `steps` steps [1] at full pace, for a memory with PACE_FIELDS, in their units."""
+    """Advance by one tick of `dt` [s], with `steps` steps [1] at full pace, for a memory with PACE_FIELDS, in their
+    units."""
     level, pace = int(one["detail"]), float(one["pace"])
     aim = LEVELS[level][1]
     if not level and pace == 1.0:
         return ScenePace(0, steps, 1.0, 0.0, float(steps))
-    glide = math.exp(dt / _GLIDE)
+    glide = math.exp(dt / _PACE_TIME_CONSTANT_S)
     if pace > aim:
         pace = max(aim, pace / glide)
     elif pace < aim:
@@ -126,14 +126,14 @@ def advance_pace(one: Any, steps: int, dt: float) -> ScenePace:
 
 
 def take_over_step(one: Any, state: Any) -> None:
-    """The background step of a memory with PACE_FIELDS has led to `state` (n,), in SI units."""
+    """Accept `state` (n,), in SI units, as the result of the background step of a memory with PACE_FIELDS."""
     one["state"][:] = state
     one["pending"], one["due"] = 0.0, max(float(one["due"]) - 1.0, 0.0)
 
 
 def _rise(one: Any, pace: float, faster: float) -> float:
-    """The next pace: `faster`, if the tank has the energy that this adds to the coupling's spring."""
-    needed = float(one["stretched"]) * ((faster / pace) ** 2 - 1.0)  # stiffness grows at most by the square
+    """Next pace: `faster`, if the tank has the energy that this adds to the coupling's spring."""
+    needed = float(one["stretched"]) * ((faster / pace) ** 2 - 1.0)  # the stiffness increases at most with the square
     if needed > float(one["tank"]):  # safety: stiffer-from-the-tank
         return pace
     one["tank"] -= needed
@@ -141,41 +141,42 @@ def _rise(one: Any, pace: float, faster: float) -> float:
 
 
 def fill_tank(one: Any, stretched: float, taken: float) -> None:
-    """Note that the coupling stores `stretched` [J] and its damper took `taken` [J] in this tick of slow time."""
+    """Record that the coupling stores `stretched` [J] and its damper dissipated `taken` [J] in this tick of slow
+    time."""
     one["stretched"] = stretched
-    one["tank"] = min(float(one["tank"]) + taken, _TANK)
+    one["tank"] = min(float(one["tank"]) + taken, _TANK_CAPACITY_J)
 
 
 # --------------------------------------------------------------------------------------------------
-# A scene compiled by MuJoCo, from an XML file or from Python, and the messages when it cannot be compiled.
+# Scene compiled by MuJoCo, from an XML file or from Python, and the messages when it cannot be compiled.
 
 
 _FOLDER = Path(__file__).parent / "shipped_scenes"
-#: scenes that are part of this package
+#: scenes supplied with this package
 SHIPPED = ("peg", "outlet", "boxes", "drawer")
-_LISTED = 8  #: names in a message
+_MAX_LISTED_NAMES = 8  #: maximum number of names in a message
 _MAX_STEPS_PER_TICK = 200  #: in a tick
 _LINE = re.compile(r"[Ll]ine(?: number)?\s*=?\s*(\d+)")
 
 
 @cache
 def load_engine() -> Any:
-    """MuJoCo itself, set to write no files. Raises InputError that states what to install if it is missing."""
+    """Import MuJoCo, set to write no files. Raises InputError with the package to install if it is missing."""
     try:
         import mujoco
     except ImportError as cause:
         raise InputError(f"scenes need MuJoCo: pip install 'haptorb[scenes]' ({cause})") from cause
-    # Else it writes MUJOCO_LOG.TXT into the working directory, in the middle of a tick.
+    # Otherwise it writes MUJOCO_LOG.TXT to the working directory, in the middle of a tick.
     mujoco.set_mju_user_warning(_ignore)
     return mujoco
 
 
 def _ignore(text: str) -> None:
-    """What a warning is about is found in the state."""
+    """Warning handler without effect: the state is checked instead."""
 
 
 def find_scene_file(text: str, folder: Path | None = None) -> Path:
-    """The file that `text` names: a supplied scene, or a path; relative to `folder`, else to the working directory.
+    """File named by `text`: a supplied scene, or a path; relative to `folder`, otherwise to the working directory.
 
     Raises UnknownName for anything else.
 
@@ -195,7 +196,7 @@ def find_scene_file(text: str, folder: Path | None = None) -> Path:
 
 @dataclass(frozen=True)
 class SceneModel:
-    """A compiled scene; it can be sent to another process.
+    """Compiled scene; it can be sent to another process.
 
     title   its file's name without the ending, or the model's own
     file    where it comes from; None: from Python
@@ -205,16 +206,17 @@ class SceneModel:
     title: str
     file: Path | None
     model: Any = field(repr=False, compare=False)
-    pads: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  #: of `SceneStepper`, made once each
-    remarks: tuple[str, ...] = field(default=(), repr=False, compare=False)  #: what was changed, for people
+    #: of `SceneStepper`, created once each
+    pads: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+    remarks: tuple[str, ...] = field(default=(), repr=False, compare=False)  #: changes of the scene, for the user
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the scratch pads, which the receiver creates again."""
+        """State without the scratch data, which the receiver creates again."""
         return {"title": self.title, "file": self.file, "model": self.model, "pads": {}, "remarks": self.remarks}
 
     @property
     def held(self) -> str:
-        """The default held body: the one that the file names, else "peg". Raises InputError if there is neither."""
+        """Default held body: the one that the file names, otherwise "peg". Raises InputError if there is neither."""
         model = self.model
         for n in range(model.ntext):
             named, first = int(model.name_textadr[n]), int(model.text_adr[n])
@@ -232,7 +234,7 @@ class SceneModel:
 
     @property
     def bodies(self) -> list[str]:
-        """Names of the bodies that have one, the world excepted."""
+        """Names of the named bodies, except the world."""
         return [name for i in range(1, self.model.nbody) if (name := self.model.body(i).name)]
 
     def find_body(self, name: str) -> int:
@@ -240,8 +242,8 @@ class SceneModel:
         for one that cannot move."""
         model = self.model
         if name not in self.bodies:
-            near = get_close_matches(name[:100], self.bodies, n=_LISTED, cutoff=0.3)
-            raise UnknownName(f"body of scene '{self.title}'", name, near or self.bodies[:_LISTED])
+            near = get_close_matches(name[:100], self.bodies, n=_MAX_LISTED_NAMES, cutoff=0.3)
+            raise UnknownName(f"body of scene '{self.title}'", name, near or self.bodies[:_MAX_LISTED_NAMES])
         index = int(model.body(name).id)
         if not self.count_freedoms(index):
             raise InputError(
@@ -274,7 +276,7 @@ class SceneModel:
         return count, step
 
     def explain_step(self, period: float) -> str:
-        """That the scene's timestep is changed for ticks of `period` [s]; empty if it is not."""
+        """Message about the changed timestep of the scene for ticks of `period` [s]; empty if it is not changed."""
         own, step = float(self.model.opt.timestep), self.divide_tick(period)[1]
         if abs(own - step) <= 1e-9:
             return ""
@@ -285,7 +287,7 @@ class SceneModel:
 
     @property
     def controls(self) -> Array:
-        """(nu,) the controls that its actuators hold: those of the first keyframe, else zero [N, N·m, m or rad]."""
+        """(nu,) constant controls of its actuators: those of the first keyframe, otherwise zero [N, N·m, m or rad]."""
         model = self.model
         return np.array(model.key_ctrl[0] if model.nkey else np.zeros(model.nu), dtype=np.float64)
 
@@ -329,7 +331,7 @@ def make_scene_model(source: object, assets: Path | None = None) -> SceneModel:
 
 
 def _explain(path: Path, text: str) -> str:
-    """The engine's words in one line, with the line of the file first."""
+    """The engine's message in one line, with the line of the file first."""
     plain = " ".join(text.replace("XML Error:", "").replace("Error:", "").split())
     found = _LINE.search(plain)
     where = f"{path}, line {found.group(1)}" if found else str(path)
@@ -345,7 +347,8 @@ def _check(scene: SceneModel) -> SceneModel:
         )
     remarks = []
     kinds = load_engine().mjtIntegrator
-    if int(model.opt.integrator) == int(kinds.mjINT_RK4):  # all forces four times in a step, without the hand's
+    # evaluates all forces four times in a step, without the hand's
+    if int(model.opt.integrator) == int(kinds.mjINT_RK4):
         model.opt.integrator = int(kinds.mjINT_IMPLICITFAST)
         remarks.append(f"scene '{scene.title}': integrator implicitfast is used instead of RK4")
     if model.nu:
@@ -360,23 +363,24 @@ def _check(scene: SceneModel) -> SceneModel:
 
 
 def _list_some(names: list[str]) -> str:
-    """The first names, and how many more there are."""
-    more = len(names) - _LISTED
-    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
+    """First names, and the number of the others."""
+    more = len(names) - _MAX_LISTED_NAMES
+    return ", ".join(names[:_MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 # --------------------------------------------------------------------------------------------------
-# One step of a scene in data of its own, so that a background thread may compute it.
+# One step of a scene in its own data, so that a background thread may compute it.
 
 
 def list_kinds(engine: Any) -> int:
-    """What of MuJoCo's data lasts from step to step, as a sum of flags [1]."""
+    """Persistent part of MuJoCo's data from step to step, as a sum of flags [1]."""
     kinds = engine.mjtState
     return int(kinds.mjSTATE_FULLPHYSICS) | int(kinds.mjSTATE_WARMSTART) | int(kinds.mjSTATE_EQ_ACTIVE)
 
 
 def push(applied: Array, arm: Array, wrench: Array) -> None:
-    """`applied` (6,) becomes the wrench (6,) at a body's origin, moved by `arm` (3,) [m] to its centre [N, N·m]."""
+    """`applied` (6,) becomes the wrench (6,) at a body's origin, transferred by `arm` (3,) [m] to its centre [N,
+    N·m]."""
     applied[:] = wrench
     applied[3] += arm[1] * wrench[2] - arm[2] * wrench[1]
     applied[4] += arm[2] * wrench[0] - arm[0] * wrench[2]
@@ -385,7 +389,7 @@ def push(applied: Array, arm: Array, wrench: Array) -> None:
 
 @final
 class BackgroundStep:
-    """Steps `scene` with a wrench on the body of index `body`. Not for two threads at once."""
+    """Steps `scene` with a wrench on the body of index `body`. Not thread-safe."""
 
     def __init__(self, scene: SceneModel, body: int) -> None:
         self._engine, self._model, self._body = load_engine(), copy(scene.model), body
@@ -413,18 +417,18 @@ class BackgroundStep:
 
 
 # --------------------------------------------------------------------------------------------------
-# The virtual coupling: a spring and a damper between mover and a body of a scene, both limited.
+# Virtual coupling: spring and damper between the mover and a body of a scene, both limited.
 #
-# After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: the hand feels the coupling, never the scene
-# itself, so a loop that is stable with the coupling against a wall is stable with any passive scene.
+# After Colgate, Stanley and Brown 1995 and Adams and Hannaford 1999: the hand feels the coupling, not the scene itself,
+# so a loop that is stable with the coupling against a wall is stable with any passive scene.
 #
-# In a scene whose time passes s times as fast, bodies feel 1/s² times as heavy. With the same coupling the damping
-# ratio of the body in it would fall to s times its value, and the body would oscillate. So the damper grows to 1/s of
-# itself, up to `slow_damping`; beyond that the spring becomes softer, by (s d/b)², where d is the damper instead of b.
-# The damping ratio is always that of full speed, and the coupling is never stiffer.
+# In a scene at pace s, bodies feel 1/s² times as heavy. With the same coupling the damping ratio of the body in it
+# would decrease to s times its value, and the body would oscillate. So the damper is increased by 1/s, up to
+# `slow_damping`; beyond that the spring is reduced by (s d/b)², where d is the damper instead of b. The damping ratio
+# is always that of full speed, and the coupling is never stiffer.
 
 
-#: What the kernel goes by.
+#: Settings of the kernel.
 COUPLING = fields(
     ("stiffness", "f8"), ("damping", "f8"), ("greatest", "f8"),  # [N/m], [N·s/m], [N]
     ("turn_stiffness", "f8"), ("turn_damping", "f8"), ("turn_greatest", "f8"),  # [N·m/rad], [N·m·s/rad], [N·m]
@@ -433,9 +437,9 @@ COUPLING = fields(
 
 #: Time of a scene in a tick.
 SCENE_TIME = fields(
-    ("pace", "f8"),  # how fast it passes, 0 to 1
+    ("pace", "f8"),  # ratio of its time to the loop's, 0 to 1
     ("flow", "f8"),  # the same in this tick alone: 0 while it waits for a step
-    ("ahead", "f8"),  # time that has passed since the body's last pose [s]
+    ("ahead", "f8"),  # time since the body's last pose [s]
 )
 
 
@@ -525,11 +529,11 @@ def fill_coupling(
 
 Integers = NDArray[np.int64]
 
-_HUGE = 1e8  #: beyond it a coordinate or speed has no meaning
+_MAX_COORDINATE = 1e8  #: limit of a coordinate or speed
 
 
 class SceneExplosion(MemoryNotFinite):
-    """The state of a scene is not finite, or exceeds all bounds."""
+    """State of a scene that is not finite, or exceeds all limits."""
 
 
 def state_size(scene: SceneModel) -> int:
@@ -557,14 +561,14 @@ def _copy_poses(
 
 @final
 class SceneStepper:
-    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes whose poses are reported."""
+    """`scene` with the body of index `body` in the coupling; `drawn` (g,) are the shapes with reported poses."""
 
     def __init__(self, scene: SceneModel, body: int, drawn: Integers) -> None:
         self._engine, self._scene, self._model = load_engine(), scene, copy(scene.model)
         self._data = self._engine.MjData(self._model)
         self._kinds, self._body, self._drawn = list_kinds(self._engine), body, drawn
         option = self._model.opt
-        # A divergence must end with the coils off, not in a scene that restarts by itself in the hand.
+        # A divergence must switch the coils off, not restart the scene in the hand.
         option.disableflags |= int(self._engine.mjtDisableBit.mjDSBL_AUTORESET)
         option.enableflags |= int(self._engine.mjtEnableBit.mjENBL_ENERGY)
         self._iterations = int(option.iterations)
@@ -581,7 +585,7 @@ class SceneStepper:
         self._background = BackgroundStep(scene, body)
 
     def set_step(self, length: float, controls: Array) -> None:
-        """Steps have `length` [s], and actuators the `controls` (nu,), which nobody changes."""
+        """Set the steps' `length` [s] and the constant `controls` (nu,) of the actuators."""
         if length != self._length:
             self._model.opt.timestep = self._length = length
         self._controls = controls
@@ -642,12 +646,12 @@ class SceneStepper:
             energy = self._step_slowly(one, wish, couplings, time, dt)
         if time.steps:
             engine.mj_getState(model, data, lasting, self._kinds)
-        if (time.steps or time.level == BACKGROUND) and not (np.abs(lasting).max() < _HUGE):
+        if (time.steps or time.level == BACKGROUND) and not (np.abs(lasting).max() < _MAX_COORDINATE):
             raise SceneExplosion(self._explain())
         return self._total, energy
 
     def _step(self, wish: tuple[Array, Array, Array], couplings: Records, steps: int) -> float:
-        """All `steps` of a tick at full pace, each with its own wrench of the coupling."""
+        """Take all `steps` of a tick at full pace, each with its own wrench of the coupling."""
         engine, model, data, total = self._engine, self._model, self._data, self._total
         total[:] = 0.0
         energy = 0.0
@@ -666,8 +670,8 @@ class SceneStepper:
     def _step_slowly(
         self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
-        """A tick of slow time, with or without a step: a step takes the whole impulse since the last one, so that
-        nothing of it is lost or counted twice."""
+        """A tick of slow time, with or without a step: a step applies the whole impulse since the last one, so that
+        none of it is lost or counted twice."""
         engine, model, data = self._engine, self._model, self._data
         length = float(model.opt.timestep)
         self._pushed[:] = 0.0
@@ -691,7 +695,8 @@ class SceneStepper:
     def _wait(
         self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
-        """A tick of slow time whose step is computed in the background; the next one begins as soon as none is."""
+        """A tick of slow time with its step computed in the background; the next one begins as soon as none is
+        pending."""
         self._find_motion()
         energy = self._collect_impulse(one, wish, couplings, time, dt)
         if not one["pending"]:
@@ -705,7 +710,7 @@ class SceneStepper:
         return self._background.compute(state, share, self._controls, self._length)
 
     def _find_motion(self) -> None:
-        """Positions and velocities; contacts are not needed."""
+        """Update positions and velocities; contacts are not needed."""
         engine, model, data = self._engine, self._model, self._data
         engine.mj_kinematics(model, data)
         engine.mj_comPos(model, data)
@@ -717,7 +722,7 @@ class SceneStepper:
     def _collect_impulse(
         self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
-        """The coupling's wrench now, and its impulse for the next step; energy of scene and coupling [J]."""
+        """Present wrench of the coupling, and its impulse for the next step; energy of scene and coupling [J]."""
         length, data, waiting = float(self._model.opt.timestep), self._data, one["waiting"]
         stretched, power = self._couple(wish, couplings, time.pace, time.passed * length / dt, time.ahead * length)
         fill_tank(one, stretched, power * dt)

@@ -1,4 +1,4 @@
-"""A snap-fit: cantilever hooks and the part that slides over their wedges.
+"""Snap-fit: cantilever hooks and the mating part that slides over their wedges.
 
 Frame: X' points out of the socket (pulling apart is +X'), Y' towards one hook; `state` is the pose of the part's
 reference point o' (devices.State: p and R_SR in that frame), which is at the origin when the part is seated. Each
@@ -47,14 +47,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# State of one hook at an instant: as compiled code fills it, and for drawing.
+# State of one hook at an instant: filled by compiled code, and for drawing.
 
 
-#: The numbers of a contact in the order of `ContactWorld.render_contacts`.
+#: Fields of a contact in the order of `ContactWorld.render_contacts`.
 CONTACT = fields(
-    ("deflection", "f8"),  # how far the hook is bent [m]
-    ("place", "f8"),  # where along the hook it is touched, from the root [m]
-    ("point", "f8", (3,)),  # where it is touched [m]
+    ("deflection", "f8"),  # bending of the hook at the contact [m]
+    ("place", "f8"),  # position of the contact along the hook, from the root [m]
+    ("point", "f8", (3,)),  # position of the contact [m]
     ("force", "f8", (3,)),  # on the part [N]
 )
 
@@ -62,16 +62,16 @@ CONTACT = fields(
 class HookContact(NamedTuple):
     """Contact point of a hook, force and deflection."""
 
-    face: str  #: "rear", "top" or "front", "" where nothing touches
-    point: Array  #: (3,) where it is touched [m]
+    face: str  #: "rear", "top" or "front", "" without contact
+    point: Array  #: (3,) position of the contact [m]
     force: Array  #: (3,) on the part [N]
-    deflection: float  #: how far the hook is bent [m]
-    place: float  #: where along the hook it is touched, from the root [m]
+    deflection: float  #: bending of the hook at the contact [m]
+    place: float  #: position of the contact along the hook, from the root [m]
 
 
 def view_contacts(rows: Array) -> Records:
-    """(n,) CONTACT, fields in [m] and [N]; the same memory as rows (n, 8)."""
-    return np.ndarray(len(rows), CONTACT, rows)  # rows.view costs three times as much
+    """(n,) CONTACT, fields in [m] and [N]; a view of rows (n, 8)."""
+    return np.ndarray(len(rows), CONTACT, rows)  # rows.view takes three times as long
 
 
 @kernel
@@ -89,7 +89,7 @@ def add_contact(contact: Record, wrench: Array, p: Array, rx: float, ry: float, 
 
 
 # --------------------------------------------------------------------------------------------------
-# Load at the root of a hook at its largest deflection, and whether its material yields.
+# Load at the root of a hook at its largest deflection, compared with the material's yield strength.
 
 
 @dataclass(frozen=True)
@@ -103,11 +103,11 @@ class RootLoad:
     material: str
     strain: float
     stress: float  #: E ε [Pa]
-    stated_strength: float | None = None  #: yield strength that stands in for the table's [Pa]
+    stated_strength: float | None = None  #: yield strength used instead of the table's [Pa]
 
     @property
     def yield_strength(self) -> float | None:
-        """Of the named material [Pa]; None if the material is not in the table and none is stated."""
+        """Yield strength of the named material [Pa]; None if the material is not in the table and none is stated."""
         if self.stated_strength is not None:
             return self.stated_strength
         known = MATERIALS.get(self.material)
@@ -115,7 +115,7 @@ class RootLoad:
 
     @property
     def margin(self) -> float | None:
-        """Yield strength over stress: below 1 the hook stays bent. None if the yield strength is not known."""
+        """Yield strength over stress: below 1 the hook deforms permanently. None if the yield strength is not known."""
         return None if self.yield_strength is None or self.stress <= 0.0 else self.yield_strength / self.stress
 
     @property
@@ -125,13 +125,13 @@ class RootLoad:
 
     @property
     def breaks(self) -> bool:
-        """Whether the strain is beyond the strain at break of the named material: the hook breaks before it snaps."""
+        """Whether the strain exceeds the strain at break of the named material: the hook breaks during insertion."""
         known = MATERIALS.get(self.material)
         return known is not None and self.strain > known.breaking_strain
 
     @property
     def sentence(self) -> str:
-        """A summary in one line."""
+        """Summary in one line."""
         return self._describe_yield() + self._describe_strain()
 
     def _describe_strain(self) -> str:
@@ -159,7 +159,7 @@ class RootLoad:
         return f"{begin}: below the yield strength of {of} by a factor of {self.margin:.3g}"
 
     def numbers(self) -> dict[str, float | str | bool | None]:
-        """As plain JSON types, SI, units in the names."""
+        """Plain JSON types, SI, units in the names."""
         known = MATERIALS.get(self.material)
         return {
             "material": self.material, "root_strain": self.strain, "root_stress_pa": self.stress,
@@ -185,17 +185,15 @@ def _megapascal(stress: float) -> str:
 # Sliding friction on a compliant body: passive for any path, without memory.
 #
 # A part presses on a spring-like body. Without friction the force on the body is f, the gradient of the stored energy
-# with respect to the part's position. With friction μ the force is inclined by arctan μ against the sliding. Two
-# points are easily overlooked:
+# with respect to the part's position. With friction μ the force is inclined by arctan μ against the sliding direction.
+# Two points are easily overlooked:
 #
 # 1. Sliding is the motion of the part *relative to the body's surface*, and a hook's surface recoils along the hook
-# while
-# the hook
-#    bends (by `recoil` = χ times its bending). If the direction of pulling decided instead, as eqs. (10) and (15) of
-#    Bai
-#    2012 read at face value, a hand could bend the hook while pulling (soft) and release it while pushing (stiff) and
-#    gain energy. With the sliding velocity v_s = v_t − χ v_n this is impossible: the input power is dU/dt + μ N
-#    |v_s|.
+#    while the hook bends (by `recoil` = χ times its bending). If the direction of pulling were used instead, as eqs.
+# (10)
+#    and (15) of Bai 2012 suggest, a hand could bend the hook while pulling (soft) and release it while pushing (stiff)
+#    and gain energy. With the sliding velocity v_s = v_t − χ v_n this is impossible: the input power is
+#    dU/dt + μ N |v_s|.
 # 2. The sign of v_s is smoothed, v_s/√(v_s² + creep²): below the creep speed friction is viscous. A part at rest has
 #    none; on a slope it therefore creeps.
 #
@@ -225,10 +223,10 @@ def sliding_push(
     return normal * nx + drag * tx, normal * ny + drag * ty, friction * normal * across
 
 
-#: What the kernel of a snap-fit goes by.
+#: Settings of the kernel of a snap-fit.
 _SNAP = fields(
-    ("foot", "f8"), ("top", "f8"),  # of the rear face: where it begins and ends, from the root [m]
-    ("peak", "f8"),  # where the front face starts [m]
+    ("foot", "f8"), ("top", "f8"),  # of the rear face: start and end, from the root [m]
+    ("peak", "f8"),  # start of the front face [m]
     ("rear", "f8"), ("front", "f8"),  # slopes of the two faces
     ("edge", "f8"),  # half length of the rounding [m]
     ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
@@ -237,22 +235,22 @@ _SNAP = fields(
     ("seat", "f8"),  # [N/m]
     ("start", "f8"), ("step", "f8"),  # of the table of compliances [m]
     ("hooks", "i8"),
-    ("springs", "i8"),  # 1 if the edge springs over a corner instead of sliding
+    ("springs", "i8"),  # 1 if the edge jumps over a corner instead of sliding
 )  # fmt: skip
 
-#: A contact without friction, as the kernel finds it.
+#: Contact without friction, as computed by the kernel.
 _TOUCH = fields(
-    ("place", "f8"), ("bent", "f8"),  # along the hook, and how far it is bent [m]
-    ("slope", "f8"),  # of the face, not turned
+    ("place", "f8"), ("bent", "f8"),  # position along the hook, and deflection [m]
+    ("slope", "f8"),  # of the undeformed face
     ("fx", "f8"), ("fy", "f8"),  # on the hook [N]
     ("shift", "f8"),  # of the contact along the hook [m]
-    ("bend", "f8"), ("recoil", "f8"),  # f_y + κ f_x [N], which δ fixes, and κ = Ω₋/Ω₊
-    ("turning", "f8"),  # of the face by a pull at the same δ [rad/N]
+    ("bend", "f8"), ("recoil", "f8"),  # f_y + κ f_x [N], determined by δ, and κ = Ω₋/Ω₊
+    ("turning", "f8"),  # rotation of the face per pull at the same δ [rad/N]
 )  # fmt: skip
 
 _MIN_TABLE_PLACES, _MAX_TABLE_PLACES = 257, 8193  #: places in the table of compliances
-_MAX_SEARCH_STEPS = 400  #: in the search of a hook that springs: 20 µs
-_MIN_DIVISOR = 0.05  #: divisors that only a hook bent far beyond this theory would make smaller
+_MAX_SEARCH_STEPS = 400  #: limit of the search for a hook that jumps: 20 µs
+_MIN_DIVISOR = 0.05  #: lower limit of divisors, which only a hook bent far beyond this theory would reach
 
 
 @kernel
@@ -267,7 +265,7 @@ def _round_corner(u: float, edge: float) -> tuple[float, float]:
 
 @kernel
 def _wedge(x: float, snap: Record) -> tuple[float, float]:
-    """Height of the wedge over the base beam at x, and its slope; the front runs on over the tip's end."""
+    """Height of the wedge over the base beam at x, and its slope; the front face is extended beyond the tip."""
     a, da = _round_corner(x - snap.foot, snap.edge)
     b, db = _round_corner(x - snap.top, snap.edge)
     c, dc = _round_corner(x - snap.peak, snap.edge)
@@ -298,7 +296,7 @@ def _touch(x: float, Y: float, snap: Record, table: Array, touch: Record) -> Non
         dminus = (3.0 * row[4] * s + 2.0 * row[5]) * s + row[6]
         dalong = (3.0 * row[8] * s + 2.0 * row[9]) * s + row[10]
     bend, recoil = bent / plus, minus / plus
-    # f_y = bend − κ f_x put into the second equation: ½ a f_x² + b f_x = c
+    # f_y = bend − κ f_x substituted in the second equation: ½ a f_x² + b f_x = c
     a = dalong - 2.0 * recoil * dminus + recoil * recoil * dplus
     b = max(1.0 + recoil * dH + (dminus - recoil * dplus) * bend, _MIN_DIVISOR)
     c = bend * (dH - 0.5 * dplus * bend)
@@ -314,7 +312,7 @@ def _narrow(
     low: float, at_low: float, high: float, at_high: float, X: float, Y: float, snap: Record, table: Array,
     touch: Record,
 ) -> None:  # fmt: skip
-    """Fill `touch` for the place between low and high where x + shift(x) = X; at_low < 0 ≤ at_high are what is over."""
+    """Find x between low and high with x + shift(x) = X and fill `touch`; at_low < 0 ≤ at_high are the residuals."""
     kept = 0
     for _ in range(80):  # false position (Illinois)
         span = at_high - at_low
@@ -337,10 +335,10 @@ def _narrow(
 
 @kernel
 def _find_least_energy(X: float, Y: float, reach: float, snap: Record, table: Array, touch: Record) -> bool:
-    """Fill `touch` for that of the places within ±reach of X with x + shift(x) = X where the hook stores least."""
+    """Fill `touch` for the solution x within ±reach of X of x + shift(x) = X with the smallest stored energy."""
     least, place = math.inf, X
     steps = min(int(8.0 * reach / snap.edge) + 1, _MAX_SEARCH_STEPS)
-    step = 2.0 * reach / steps  # a quarter of the rounding's half length: no two places fall into one step
+    step = 2.0 * reach / steps  # a quarter of the rounding's half length: no two solutions are in one step
     low = X - reach
     _touch(low, Y, snap, table, touch)
     at_low = low + touch.shift - X
@@ -360,7 +358,7 @@ def _find_least_energy(X: float, Y: float, reach: float, snap: Record, table: Ar
 
 @kernel
 def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record) -> None:
-    """Fill `touch` for an edge at (X, Y): the place x on the hook with x + shift(x) = X.
+    """Fill `touch` for an edge at (X, Y): the position x on the hook with x + shift(x) = X.
 
     A hook that springs over a sharp corner has several: the one where it stores least makes the energy continuous.
     """
@@ -390,7 +388,7 @@ def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record)
 
 @kernel
 def _springs(places: Array, Y: float, snaps: Records, table: Array) -> bool:
-    """Whether an edge at the height Y that moves over `places` (n,) [m] of the hook has to go back on its way."""
+    """Whether an edge at the height Y that moves over `places` (n,) [m] of the hook must reverse on its path."""
     touches = np.empty(1, _TOUCH)
     last = -math.inf
     for x in places:
@@ -409,8 +407,8 @@ def _rub(touch: Record, vx: float, vy: float, vz: float, friction: float, creep:
     so friction takes energy whatever the motion. The face turns with it.
     """
     fx, fy, slope, recoil = touch.fx, touch.fy, touch.slope, touch.recoil
-    turn = (slope * fy - fx) / max(fy + slope * fx, 1e-300)  # without friction the force stands upright on the face
-    along, up = 1.0 + turn * slope, slope - turn  # the turned face
+    turn = (slope * fy - fx) / max(fy + slope * fx, 1e-300)  # without friction the force is normal to the face
+    along, up = 1.0 + turn * slope, slope - turn  # the rotated face
     length = math.sqrt(along * along + up * up)
     slip = (vx - recoil * vy) * length / max(along + recoil * up, _MIN_DIVISOR)
     speed = math.sqrt(slip * slip + vz * vz + creep * creep)
@@ -433,7 +431,7 @@ def _snap_fit(
     p: Array, R: Array, v: Array, w: Array, snaps: Records, table: Array, touches: Records, wrench: Array,
     contacts: Records,
 ) -> None:  # fmt: skip
-    """Fill wrench (6,) on the part about o', and contacts (2,) CONTACT, which are zero before.
+    """Fill wrench (6,) on the part about o', and contacts (2,) CONTACT, zero on input.
 
     snaps is (1,) _SNAP, table (n, 12) the cubics of the hook's compliances, touches (1,) _TOUCH is overwritten.
     """
@@ -443,7 +441,7 @@ def _snap_fit(
         wrench[i] = 0.0
     for hook in range(snap.hooks):
         contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
-        # the edge sits at (0, ±half, 0) of the part
+        # the edge is at (0, ±half, 0) of the part
         rx, ry, rz = R[0, 1] * side * half, R[1, 1] * side * half, R[2, 1] * side * half
         X = foot + p[0] + rx
         Y = side * (p[1] + ry) - half - clearance
@@ -455,7 +453,7 @@ def _snap_fit(
             vz = v[2] + w[0] * ry - w[1] * rx
             gx, gy, gz = _rub(touch, vx, vy, vz, snap.friction, snap.creep)
         below = foot - X
-        if below > 0.0:  # the seat
+        if below > 0.0:  # seat
             gx -= seat * below
         contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
         add_contact(contact, wrench, p, rx, ry, rz)
@@ -464,7 +462,7 @@ def _snap_fit(
 
 @dataclass(frozen=True)
 class SnapFit(ContactWorld, TargetWorld):
-    """Snap-fit: hooks bend, snap in, and hold until they are pulled out with enough force.
+    """Snap-fit: hooks bend, snap in, and retain the part until the pull-out force is exceeded.
 
     Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
     root, about the limit of ABS in a joint that is opened often): a few newtons, which a motor of about 1 N·m renders
@@ -491,9 +489,9 @@ class SnapFit(ContactWorld, TargetWorld):
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per edge")
     edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounded edges of the wedge")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
-    beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as they stand
-    material: str = "ABS"  #: whose yield strength the root's stress is compared with
-    hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and wants a guide
+    beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as printed
+    material: str = "ABS"  #: material with the yield strength for the root's stress
+    hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and needs a guide
 
     hook: Hook = field(init=False, repr=False, compare=False)
     _snap: Records = field(init=False, repr=False, compare=False)
@@ -534,7 +532,7 @@ class SnapFit(ContactWorld, TargetWorld):
 
     def _check_slides(self) -> None:
         hook, lean = self.hook, math.atan(self.friction)
-        front = np.linspace(hook.peak, hook.tip, 65)[:-1]  # at the tip itself nothing is bent
+        front = np.linspace(hook.peak, hook.tip, 65)[:-1]  # at the tip itself the hook is not bent
         try:
             balance_face(hook, front, hook.section(front) - hook.thickness, -hook.front, -self.friction, self.beam)
         except GeometryError as cause:
@@ -552,7 +550,7 @@ class SnapFit(ContactWorld, TargetWorld):
 
     @classmethod
     def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> SnapFit:
-        """The world of a given `hook`; `others` as in the constructor."""
+        """World for a given `hook`; `others` as in the constructor."""
         return cls(
             youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
             base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
@@ -574,9 +572,9 @@ class SnapFit(ContactWorld, TargetWorld):
         return (self.root_load.sentence,)
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench, and (2, 8) the contacts of the hooks, first the one at +Y': see `ContactWorld`."""
+        """(6,) wrench, and (2, 8) contacts of the hooks, the one at +Y' first: see `ContactWorld`."""
         wrench, hooks = np.empty(6), np.zeros((2, 8))
-        one = np.ascontiguousarray  # one layout: one compilation
+        one = np.ascontiguousarray  # one memory layout: one compilation
         _snap_fit(
             one(state.p), one(state.R_SR), one(state.v), one(state.w), self._snap, self._table,
             np.empty(1, _TOUCH), wrench, view_contacts(hooks),
@@ -584,7 +582,7 @@ class SnapFit(ContactWorld, TargetWorld):
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """State of each hook, first the one at +Y'."""
+        """State of each hook, the one at +Y' first."""
         found = []
         for bent, place, *rest in self.render_contacts(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
@@ -595,38 +593,37 @@ class SnapFit(ContactWorld, TargetWorld):
 
 
 # --------------------------------------------------------------------------------------------------
-# A plug in an outlet: a flat plug between two hooks of the socket, pulled, tilted and moved back and forth.
+# Plug in an outlet: a flat plug between two hooks of the socket, pulled, tilted and moved back and forth.
 #
 # Frame: X' points out of the socket, Y' from one hook to the other; `state` is the pose of o', the middle of the plug's
-# inner end, which is at the origin when the plug is fully inserted. The hooks touch at X' = arm. Turned by θ about Z'
+# inner end, which is at the origin when the plug is fully inserted. The hooks touch at X' = arm. Rotated by θ about Z'
 # the plug's faces cross X' = arm at Y' = p_y + (arm − p_x) tan θ ± w_p/(2 cos θ), and each hook is bent by the excess
 # over half the opening: eqs. (14)–(16) of Bai 2012, with p_x = x₀ + x (tilted at the floor, one corner touches and o'
-# stands x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18), makes
-# a torque that turns a tilted plug further: (16)–(18) hold together, and with energy, only if ε_z counts clockwise
-# about Z'.
+# is x₀ = (w_p/2) sin θ off) and ε_z = −θ. The other sign of ε_z in (16) against y, and against T_Z' in (18), gives a
+# torque that increases the tilt of a tilted plug: (16)–(18) are consistent with each other, and with energy, only if
+# ε_z is positive clockwise about Z'.
 #
 # Two worlds:
 #
 # `Outlet`            conserves energy, for rendering: forces are the gradient of ½ Σ k δ² and friction opposes
-#                     sliding. Against (17) it has the part of F_X' that a tilted face must push (F_Y' tan ε_z), the
-#                     torque of the plug getting wider by tilting, and friction's couple. A bevelled end, so that the
-#                     plug
-#                     comes out and can be put back.
+#                     sliding. In addition to (17) it has the part of F_X' from a tilted face (F_Y' tan ε_z), the torque
+#                     of the plug's increasing width with tilt, and the couple of friction. A bevelled end, so that the
+#                     plug can be removed and inserted.
 # `PublishedOutlet`   (14)–(18) as corrected (E9, E10, signs), for comparison with the paper's Fig. 8. It is not a
-#                     gradient: a small closed loop can deliver energy, so it is marked not passive.
+#                     gradient: a small closed loop can generate energy, so it is marked not passive.
 
 
-#: What the kernel of an outlet goes by.
+#: Settings of the kernel of an outlet.
 _PLUG = fields(
-    ("half", "f8"),  # width of the plug, halved [m]
-    ("lead", "f8"), ("slope", "f8"),  # length of its bevelled end [m], and how steep it is
+    ("half", "f8"),  # half width of the plug [m]
+    ("lead", "f8"), ("slope", "f8"),  # length of its bevelled end [m], and its slope
     ("edge", "f8"),  # half length of the rounding between bevel and full width [m]
     ("stiffness", "f8"), ("recoil", "f8"),  # of a hook: [N/m] and Ω₋/Ω₊
     ("friction", "f8"), ("creep", "f8"),  # μ, and the speed below which it is viscous [m/s]
-    ("arm", "f8"),  # from the plug's inner end to the hooks when it is home [m]
+    ("arm", "f8"),  # from the plug's inner end to the hooks when it is fully inserted [m]
     ("opening", "f8"),  # between the hooks [m]
     ("seat", "f8"),  # [N/m]
-    ("peak", "f8"),  # place along the hook that touches [m]
+    ("peak", "f8"),  # position of the contact along the hook [m]
 )  # fmt: skip
 
 
@@ -644,7 +641,7 @@ def _face(along: float, plug: Record) -> tuple[float, float]:
 
 @tick_kernel
 def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Array, contacts: Records) -> None:
-    """Fill wrench (6,) on the plug about o', and contacts (2,) CONTACT, which are zero before. plugs is (1,) _PLUG."""
+    """Fill wrench (6,) on the plug about o', and contacts (2,) CONTACT, zero on input. plugs is (1,) _PLUG."""
     plug = plugs[0]
     arm, opening, seat, stiffness = plug.arm, plug.opening, plug.seat, plug.stiffness
     recoil, friction, creep = plug.recoil, plug.friction, plug.creep
@@ -652,13 +649,13 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
         wrench[i] = 0.0
     for hook in range(2):
         contacts[hook].place = plug.peak
-    if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # turned by more than 60°: a plug that cannot be in the socket
+    if R[0, 0] < 0.5 or R[1, 1] < 0.5:  # rotated by more than 60°: such a plug cannot be in the socket
         return
     for hook in range(2):
         contact, side = contacts[hook], 1.0 if hook == 0 else -1.0
         along = (arm - p[0]) / R[0, 0]
         width, slope = _face(along, plug)
-        for _ in range(30):  # where the plug's face crosses X' = arm
+        for _ in range(30):  # intersection of the plug's face with X' = arm
             gap = p[0] + R[0, 0] * along + R[0, 1] * side * width - arm
             new = along - gap / (R[0, 0] + R[0, 1] * side * slope)
             if abs(new - along) < 1e-15:
@@ -669,13 +666,13 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
         rx = R[0, 0] * a + R[0, 1] * b
         ry = R[1, 0] * a + R[1, 1] * b
         rz = R[2, 0] * a + R[2, 1] * b
-        bent = side * (p[1] + ry) - 0.5 * opening  # Eq. (15a): what the face leaves of the opening
+        bent = side * (p[1] + ry) - 0.5 * opening  # Eq. (15a): remaining opening
         gx, gy, gz = 0.0, 0.0, 0.0
         if bent > 0.0:
             tx = R[0, 0] + R[0, 1] * side * slope  # along the face, in the X'Y' plane
             ty = R[1, 0] + R[1, 1] * side * slope
-            fy = stiffness * bent  # in the direction that opens this hook
-            fx = -side * fy * ty / tx  # the face pushes at right angles to itself
+            fy = stiffness * bent  # in the opening direction of this hook
+            fx = -side * fy * ty / tx  # the face's force is normal to it
             vx = v[0] + w[1] * rz - w[2] * ry
             vy = side * (v[1] + w[2] * rx - w[0] * rz)
             vz = v[2] + w[0] * ry - w[1] * rx
@@ -683,7 +680,7 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
         contact.force[0], contact.force[1], contact.force[2] = -gx, -side * gy, -gz
         add_contact(contact, wrench, p, rx, ry, rz)
         contact.deflection = max(bent, 0.0)
-        # the floor under this corner of the plug's inner end
+        # floor under this corner of the plug's inner end
         tip, _ = _face(0.0, plug)
         cx, cy, cz = R[0, 1] * side * tip, R[1, 1] * side * tip, R[2, 1] * side * tip
         below = -(p[0] + cx)
@@ -696,7 +693,7 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
 
 @dataclass(frozen=True)
 class Outlet(ContactWorld, TargetWorld):
-    """Plug in an outlet: friction holds it, it resists tilt, and comes free at the end.
+    """Plug in an outlet: retained by friction, resists tilt, and is released at the end.
 
     Dimensions and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The pull is 11.5 N with the
     correct beam (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
@@ -719,16 +716,16 @@ class Outlet(ContactWorld, TargetWorld):
     opening: float = parameter(4.8e-3, "m", 0.5e-3, 30e-3, "w_s: gap between the hooks without the plug")
     # h is not given (assumed): blades of 6.3 mm × 1.5 mm are those of a two-pin flat plug, 15.9–18.3 mm long
     arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h: distance from the inserted plug's inner end to the hooks")
-    # assumed: the paper's plug never ends; a real one is bevelled, else it could not be put in
+    # assumed: the paper's plug has no end; a real one is bevelled, otherwise it could not be inserted
     lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the bevelled end of the plug")
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per corner")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "timoshenko"  #: "paper" for appendix B
-    material: str = "phosphor bronze"  #: of the hooks, whose yield strength the root's stress is compared with
+    material: str = "phosphor bronze"  #: of the hooks, with the yield strength for the root's stress
 
     hook: Hook = field(init=False, repr=False, compare=False)
     stiffness: float = field(init=False, repr=False, compare=False)  #: of one hook, pulled straight, no friction [N/m]
-    recoil: float = field(init=False, repr=False, compare=False)  #: Ω₋/Ω₊: how far the top moves out per bending
+    recoil: float = field(init=False, repr=False, compare=False)  #: Ω₋/Ω₊: outward motion of the top per bending
     _plug: Records = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -758,7 +755,7 @@ class Outlet(ContactWorld, TargetWorld):
                 f"Outlet: with friction {self.friction:g} this hook jams: pushing the plug in pulls the hooks tighter "
                 f"(μ Ω₋/Ω₊ = {self.friction * minus / plus:.2f}, must be below 1)"
             )
-        # the inner end is a little narrower than the opening, so that it finds in
+        # the inner end is slightly narrower than the opening, so that it can be inserted
         drop = 0.5 * (self.plug_width - self.opening) + 0.1e-3
         edge = 0.25 * self.lead_in
         stiffness = self.youngs_modulus * self.width / plus
@@ -774,7 +771,7 @@ class Outlet(ContactWorld, TargetWorld):
 
     @classmethod
     def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> Outlet:
-        """The outlet with a pair of a given `hook`; `others` as in the constructor."""
+        """Outlet with a pair of a given `hook`; `others` as in the constructor."""
         return cls(
             youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
             base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
@@ -800,14 +797,14 @@ class Outlet(ContactWorld, TargetWorld):
         return np.array([(x, _face(x, self._plug[0])[0]) for x in along.tolist()])
 
     def render_contacts(self, state: State) -> tuple[Array, Array]:
-        """(6,) the wrench, and (2, 8) the contacts of both hooks, first the one at +Y': see `ContactWorld`."""
+        """(6,) wrench, and (2, 8) contacts of both hooks, the one at +Y' first: see `ContactWorld`."""
         wrench, hooks = np.empty(6), np.zeros((2, 8))
-        one = np.ascontiguousarray  # one layout: one compilation
+        one = np.ascontiguousarray  # one memory layout: one compilation
         _outlet(one(state.p), one(state.R_SR), one(state.v), one(state.w), self._plug, wrench, view_contacts(hooks))
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """State of each hook, first the one at +Y'; the contact is always on its top."""
+        """State of each hook, the one at +Y' first; the contact is always on its top."""
         return tuple(
             HookContact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
             for bent, place, *rest in self.render_contacts(state)[1].tolist()
@@ -815,7 +812,7 @@ class Outlet(ContactWorld, TargetWorld):
 
 
 # --------------------------------------------------------------------------------------------------
-# The outlet of the paper, for comparison with its Fig. 8; use `Outlet` for rendering.
+# Outlet of the paper, for comparison with its Fig. 8; use `Outlet` for rendering.
 
 
 @dataclass(frozen=True)
@@ -866,7 +863,7 @@ class PublishedOutlet(TargetWorld):
         c = self.arm - x  # h − x₀ − x
         if c <= 0.0 or R[0, 0] < 0.5:
             return out
-        tan = -R[1, 0] / R[0, 0]  # ε_z counts clockwise about Z'
+        tan = -R[1, 0] / R[0, 0]  # ε_z is positive clockwise about Z'
         sec = math.sqrt(1.0 + tan * tan)
         slide = state.v[0] / math.sqrt(state.v[0] ** 2 + self.creep**2)
         plus, minus, stiff = self._omega

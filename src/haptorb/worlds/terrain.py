@@ -1,4 +1,4 @@
-"""Terrain over the dome: mountains push, valleys pull, slopes push sideways; inset of Zárate 2020 Fig. 1."""
+"""Terrain over the dome: mountains repel, valleys attract, slopes push sideways; inset of Zárate 2020 Fig. 1."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from haptorb.worlds.base import World, parameter
 
 __all__ = ["Terrain", "hills"]
 
-_BYTES = 64 * 1024 * 1024  #: of a picture's file
-_PIXELS = 4096  #: a side of a picture
+_BYTES = 64 * 1024 * 1024  #: maximum size of an image file
+_PIXELS = 4096  #: maximum side length of an image
 
 
 @kernel
 def _height(heights: Array, u: float, v: float, out: Array) -> None:
-    """out (3,): height and its slopes by u and v, u and v in 0…1 over the array; Catmull–Rom, flat beyond the edge."""
+    """out (3,): height and its slopes by u and v, u and v in 0…1 over the array; Catmull–Rom, constant beyond the
+    edge."""
     rows, columns = heights.shape
     x = min(max(u, 0.0), 1.0) * (columns - 1)
     y = min(max(v, 0.0), 1.0) * (rows - 1)
@@ -58,7 +59,7 @@ def _height(heights: Array, u: float, v: float, out: Array) -> None:
 
 
 def _check_heights(heights: ArrayLike) -> Array:
-    """`heights` as an array, or InputError saying where its first hole is."""
+    """`heights` as an array, or InputError with its first missing value."""
     try:
         filled = np.ma.filled(np.ma.asarray(heights, dtype=np.float64), np.nan)
     except (TypeError, ValueError, OverflowError) as cause:
@@ -102,7 +103,7 @@ class Terrain(World):
     half_angle_deg: float = parameter(60.0, "deg", 10, 90, "tilt at the edge of the map")
     heights: Array = field(default_factory=hills)
     contact_distance: float = 0.050  #: d_c [m], from the device
-    reach: float = 0.070  #: beyond this there is no force [m], from the device
+    reach: float = 0.070  #: distance beyond which the force is zero [m], from the device
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -126,14 +127,14 @@ class Terrain(World):
 
     @classmethod
     def of(cls, function: Callable[[Array, Array], ArrayLike], size: int = 65, **values: float) -> Terrain:
-        """From a function of tilt and azimuth [rad] (arrays) to heights."""
+        """From a function from tilt and azimuth [rad] (arrays) to heights."""
         half = radians(values.get("half_angle_deg", 60.0))
         v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
         return cls(heights=np.asarray(function(half * np.hypot(u, v), np.arctan2(v, u))), **values)
 
     @classmethod
     def image(cls, path: str | Path, **values: float) -> Terrain:
-        """From a grey image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square.
+        """From a greyscale image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square.
 
         Raises InputError for a file that is not a square image, or has holes.
         """
@@ -141,11 +142,11 @@ class Terrain(World):
 
         try:
             content = read_bytes(path, _BYTES, "height map", InputError)
-            # Other formats of PIL start programs of the system, such as the one for PostScript.
+            # Other formats of PIL start system programs, such as the one for PostScript.
             with Image.open(BytesIO(content), formats=("PNG", "TIFF", "JPEG", "BMP", "GIF", "PPM")) as picture:
                 if max(picture.size) > _PIXELS:
                     raise InputError(f"height map '{path}' has more than {_PIXELS} pixels a side; make it smaller")
-                deep = picture.mode.startswith("I")  # 16-bit grey
+                deep = picture.mode.startswith("I")  # 16-bit greyscale
                 if picture.mode in ("LA", "PA", "RGBA") and np.asarray(picture.getchannel("A")).min() < 255:
                     raise InputError(f"height map '{path}' has transparent pixels: holes; fill them first")
                 grey = np.asarray(picture if deep else picture.convert("L"), dtype=float) / (65535 if deep else 255)
@@ -170,7 +171,7 @@ class Terrain(World):
         """[N] from the largest height and slope of the cells; the interpolation overshoots both by less than 1.6."""
         pixel = 2 * radians(self.half_angle_deg) / (len(self.heights) - 1)
         slope = max(float(np.abs(np.diff(self.heights, axis=axis)).max()) for axis in (0, 1)) / pixel
-        edge = 1.5 / (0.2 * radians(self.half_angle_deg))  # the fade's own steepest slope
+        edge = 1.5 / (0.2 * radians(self.half_angle_deg))  # maximum slope of the fade-out itself
         steepest = np.pi / 2 * (2.0**0.5 * slope + edge * float(np.abs(self.heights).max()))
         return float(1.6 * abs(self.strength) * np.hypot(np.abs(self.heights).max(), steepest / 3))
 
@@ -188,7 +189,7 @@ class Terrain(World):
         out = np.empty(3)
         _height(self.heights, 0.5 + 0.5 * theta / half * cos(phi), 0.5 + 0.5 * theta / half * sin(phi), out)
         h, hu, hv = out.tolist()
-        # Towards the edge of the map the landscape fades out, so that its rim is no cliff.
+        # The terrain fades out towards the edge of the map, so that its rim is not a step.
         s = min(max((half - theta) / (0.2 * half), 0.0), 1.0)
         fade, fall = s * s * (3 - 2 * s), -6 * s * (1 - s) / (0.2 * half)
         by_theta = fade * 0.5 / half * (hu * cos(phi) + hv * sin(phi)) + fall * h

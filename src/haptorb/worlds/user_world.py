@@ -1,4 +1,4 @@
-"""A world in a user's Python file: `groove.py:Groove`. Only files named at the start are ever loaded."""
+"""World in a user's Python file: `groove.py:Groove`. Only files named at the start are ever loaded."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A world from a plain function of a state.
+# World from a plain function of a state.
 
 
 @dataclass(frozen=True)
 class FunctionWorld(World):
-    """The wrench is `function(state)`: an array (6,), force [N] and torque [N·m]. It is assumed to be passive.
+    """Wrench given by `function(state)`: an array (6,), force [N] and torque [N·m]. It is assumed to be passive.
 
     >>> import numpy as np
     >>> pull = FunctionWorld(lambda state: np.append(-20 * state.p, np.zeros(3)))
@@ -90,13 +90,13 @@ class FunctionWorld(World):
         return f"FunctionWorld({self.name})"
 
     def wrench(self, state: State) -> Array:
-        """(6,) what the function returns [N, N·m]."""
+        """(6,) result of the function [N, N·m]."""
         assert self.function is not None
         return self.function(state)
 
 
 def make_world(given: object, where: str = "world") -> World:
-    """A World from user code: a World, a World class without required arguments, or a function of a State.
+    """World from user code: a World, a World class without required arguments, or a function of a State.
 
     Raises InputError for anything else, and for a class that requires arguments.
     """
@@ -121,7 +121,7 @@ def make_world(given: object, where: str = "world") -> World:
     )
 
 
-_LOADED = "haptorb_world_"  #: begins the names of modules that `WorldFile` makes
+_MODULE_PREFIX = "haptorb_world_"  #: prefix of the names of modules that `WorldFile` creates
 
 
 def is_world_file(text: str) -> bool:
@@ -130,7 +130,7 @@ def is_world_file(text: str) -> bool:
 
 
 def parse_world_file(text: str, folder: Path | None = None) -> WorldFile:
-    """The file and name in `text`; a relative path starts at `folder`, by default the working directory.
+    """File and name in `text`; a relative path starts at `folder`, by default the working directory.
 
     >>> parse_world_file("groove.py:Groove").name
     'Groove'
@@ -141,22 +141,22 @@ def parse_world_file(text: str, folder: Path | None = None) -> WorldFile:
 
 
 def name_code(world: World) -> str:
-    """The name of the class or function that computes the wrench of `world`, within its module."""
+    """Name of the class or function that computes the wrench of `world`, within its module."""
     kind = type(world)
     return kind.__qualname__ if not kind.__module__.startswith("haptorb.") else world.wrench_code.__qualname__
 
 
 def find_world_file(world: World) -> tuple[Path, str] | None:
-    """The file that `world` was loaded from as a `WorldFile`, and its name there; None for any other world."""
+    """File that `world` was loaded from as a `WorldFile`, and its name there; None for any other world."""
     code = getattr(world.wrench_code, "__code__", None)
-    if not (isinstance(code, CodeType) and str(world.wrench_code.__module__).startswith(_LOADED)):
+    if not (isinstance(code, CodeType) and str(world.wrench_code.__module__).startswith(_MODULE_PREFIX)):
         return None
     return Path(code.co_filename), name_code(world)
 
 
 @dataclass(frozen=True)
 class WorldFile:
-    """The world `name` in the Python file `path`, with `values` for some of its parameters.
+    """World `name` in the Python file `path`, with `values` for some of its parameters.
 
     name   a class of a World, a World, or a function of a State; empty: the only World class that the file defines
     """
@@ -166,7 +166,7 @@ class WorldFile:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def load(self, texts: Mapping[Path, str] | None = None) -> World:
-        """Run the file and return its world.
+        """Execute the file and return its world.
 
         texts: of the file, and of all that it may import from its folder, where these and nothing else must run.
 
@@ -187,12 +187,12 @@ class WorldFile:
             return world.replace(**self.values)
         except HaptorbError:
             raise
-        except Exception as cause:  # its own constructor
+        except Exception as cause:  # of the user's constructor
             raise InputError(f"{where}: {_describe(cause, self.path)}") from cause
 
     @property
     def stamp(self) -> tuple[int, int, int] | None:
-        """A stamp that changes when the file is saved: time [ns], size, inode; None if the file does not exist."""
+        """Stamp that changes when the file is saved: time [ns], size, inode; None if the file does not exist."""
         try:
             found = self.path.stat()
         except OSError:
@@ -200,25 +200,25 @@ class WorldFile:
         return found.st_mtime_ns, found.st_size, found.st_ino
 
     def _run(self, texts: Mapping[Path, str] | None) -> ModuleType:
-        """The file as a module of its own, known by a name that no other module has."""
+        """Execute the file as a module of its own, with a unique name."""
         import cloudpickle
 
         if texts is None:
             text = read_text(self.path, "world file", InputError, kind=FileKind.WORLD)
         else:
             text = texts[self.path]
-        module = ModuleType(f"{_LOADED}{self.path.stem}")
+        module = ModuleType(f"{_MODULE_PREFIX}{self.path.stem}")
         module.__file__ = str(self.path)
         folder = str(self.path.parent)
         if texts is not None:
             sys.meta_path.append(_GivenTexts(self.path.parent, texts))
         elif folder not in sys.path:
-            sys.path.append(folder)  # for modules beside it; last, so that they hide nothing
+            sys.path.append(folder)  # for modules beside it; last, so that they do not shadow others
         before = sys.modules.get(module.__name__)
-        sys.modules[module.__name__] = module  # dataclasses look for it there
+        sys.modules[module.__name__] = module  # needed by dataclasses
         try:
             exec(compile(text, str(self.path), "exec"), module.__dict__)
-        except BaseException as cause:  # the user's code: also sys.exit
+        except BaseException as cause:  # of user code: also sys.exit
             if before is None:
                 del sys.modules[module.__name__]
             else:
@@ -226,7 +226,7 @@ class WorldFile:
             if isinstance(cause, KeyboardInterrupt):
                 raise
             raise InputError(f"world file {self.path}: {_describe(cause, self.path)}") from cause
-        cloudpickle.register_pickle_by_value(module)  # the servo's process must not run the file again
+        cloudpickle.register_pickle_by_value(module)  # the servo's process must not execute the file again
         return module
 
     def _find(self, module: ModuleType) -> object:
@@ -246,9 +246,9 @@ class WorldFile:
 
 
 def _describe(cause: BaseException, path: Path) -> str:
-    """The error, and the lines of the user's file that it went through."""
+    """Error, and the lines of the user's file in its traceback."""
     linecache.checkcache(str(path))
-    own = isinstance(cause, HaptorbError)  # says all by itself
+    own = isinstance(cause, HaptorbError)  # the message is complete
     text = str(cause) if own else "".join(traceback.format_exception_only(cause)).strip()
     frames = [one for one in traceback.extract_tb(cause.__traceback__) if one.filename == str(path)]
     where = "".join(f'\n  File "{one.filename}", line {one.lineno}, in {one.name}\n    {one.line}' for one in frames)
@@ -257,7 +257,7 @@ def _describe(cause: BaseException, path: Path) -> str:
 
 @final
 class _GivenTexts(MetaPathFinder, Loader):
-    """Finds the modules of `folder` in `texts`: neither the folder itself nor a compiled file in it is looked at."""
+    """Finds the modules of `folder` in `texts`: neither the folder itself nor a compiled file in it is read."""
 
     def __init__(self, folder: Path, texts: Mapping[Path, str]) -> None:
         self._folder, self._texts = folder, texts
@@ -265,34 +265,34 @@ class _GivenTexts(MetaPathFinder, Loader):
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Of the module `name`, if its text is there."""
+        """Spec of the module `name`, if its text is available."""
         place = self._folder.joinpath(*name.split("."))
         for file, package in ((place / "__init__.py", True), (place.with_name(f"{place.name}.py"), False)):
             if file in self._texts:
                 found = ModuleSpec(name, self, origin=str(file), is_package=package)
                 found.has_location = True
                 return found
-        if any(file.is_relative_to(place) for file in self._texts):  # a folder without __init__.py
+        if any(file.is_relative_to(place) for file in self._texts):  # folder without __init__.py
             return ModuleSpec(name, None, is_package=True)
         return None
 
     def exec_module(self, module: ModuleType) -> None:
-        """Run its text."""
+        """Execute its text."""
         file = str(module.__file__)
         exec(compile(self._texts[Path(file)], file, "exec"), module.__dict__)
 
 
 # --------------------------------------------------------------------------------------------------
-# Messages when a world's code fails: the error, and where in the user's files it was raised.
+# Messages for failures in a world's code: the error, and where in the user's files it was raised.
 
 
 _PACKAGE = str(Path(__file__).parents[1])
 _FIRST = 1e-3  #: time step of a world's first call [s]
-_FRAMES = 6  #: of the user's code, the innermost; a recursion has a thousand
+_FRAMES = 6  #: maximum number of frames of the user's code, the innermost; a recursion has a thousand
 
 
 def check_wrench(wrench: object) -> Array:
-    """`wrench` itself, (6,) [N, N·m]. Raises InputError if it is not such an array; the guard checks its numbers."""
+    """`wrench` if it is an array (6,) [N, N·m]; otherwise InputError. The guard checks its numbers."""
     if not isinstance(wrench, np.ndarray):
         raise InputError(f"wrench must return an array of 6 numbers (force, torque); got {quote(wrench)}")
     if wrench.shape != (6,):
@@ -301,7 +301,7 @@ def check_wrench(wrench: object) -> Array:
 
 
 def describe_failure(world: World, cause: BaseException) -> str:
-    """The error in one line, then file, line and source of the user's code that it went through, outermost first.
+    """Error in one line, then file, line and source of the user's code in the traceback, outermost first.
 
     An invalid wrench is not raised by a line of the user's code; the message then shows the first line of `wrench`.
     """
@@ -328,7 +328,7 @@ def describe_failure(world: World, cause: BaseException) -> str:
 
 
 def keep_source(world: World) -> None:
-    """Read the file of `world` now, so that `describe_failure` does not open it later and shows the lines that ran."""
+    """Read the file of `world` now, so that `describe_failure` does not open it later and shows the executed lines."""
     code = _code_of(world)
     if code is not None:
         linecache.checkcache(code.co_filename)
@@ -347,7 +347,7 @@ def fit_world(world: World, device: Device) -> World:
             bind_world(fitted, _FIRST)
     except HaptorbError:
         raise
-    except BaseException as cause:  # the user's code: also sys.exit
+    except BaseException as cause:  # of user code: also sys.exit
         if isinstance(cause, KeyboardInterrupt):
             raise
         raise InputError(f"world '{world.name}' failed: {describe_failure(world, cause)}") from cause
@@ -360,7 +360,7 @@ def fit_world(world: World, device: Device) -> World:
 
 
 def try_world(world: World, device: Device) -> World:
-    """`world` itself, after one call at the device's rest position.
+    """`world` after one successful call at the device's rest position.
 
     Raises InputError with the place in the user's code if it fails there, or if `device` cannot render it.
     """
@@ -368,7 +368,7 @@ def try_world(world: World, device: Device) -> World:
     try:
         rendered = bind_world(fitted, _FIRST) or fitted
         check_wrench(rendered.wrench(State.at(device.rest_position, R_SR=np.eye(3))))
-    except BaseException as cause:  # the user's code: also sys.exit
+    except BaseException as cause:  # of user code: also sys.exit
         if isinstance(cause, KeyboardInterrupt):
             raise
         raise InputError(f"world '{world.name}' failed: {describe_failure(world, cause)}") from cause
@@ -376,46 +376,46 @@ def try_world(world: World, device: Device) -> World:
 
 
 def _code_of(world: World) -> CodeType | None:
-    """Of the world's `wrench`, if Python code computes it that is not this package's."""
+    """Code of the world's `wrench`, if it is Python code outside this package."""
     code = getattr(world.wrench_code, "__code__", None)
     return code if isinstance(code, CodeType) and not code.co_filename.startswith(_PACKAGE) else None
 
 
 # --------------------------------------------------------------------------------------------------
-# A user's world or scene, reloaded whenever its file is saved, with the clients' force added to it.
+# World or scene of a user, reloaded whenever its file is saved, with the clients' force added to it.
 
 
 @final
 @dataclass(frozen=True)
 class FileWithRemote:
-    """The world in `file` plus the force of clients. The loop keeps the force when the file is reloaded."""
+    """World in `file` plus the force of clients. The loop keeps the force when the file is reloaded."""
 
     file: WorldFile | SceneFile
 
     def load(self) -> World:
-        """The sum of both. Raises what `file.load` raises."""
+        """Sum of both. Raises what `file.load` raises."""
         return join_remote(self.file.load(), Remote())
 
 
 # --------------------------------------------------------------------------------------------------
-# Which world files this account has started by name: a list of digests in its state folder.
+# World files that this account has started by name: a list of digests in its state folder.
 #
-# A recording names the file that its world came from, and that file's digest; but whoever makes the recording makes
-# both. So a recording alone never runs code. Its file runs again only if this account has started exactly that code
-# from that place: the file, the world in it, and every module that it imports from its folder, as they are now. These
-# texts are read once; what was compared is what runs (`WorldFile.load`).
+# A recording names the file that its world came from, and that file's digest; but the author of the recording controls
+# both. So a recording alone never executes code. Its file is executed again only if this account has started exactly
+# that code from that path: the file, the world in it, and every module that it imports from its folder, in their
+# present state. These texts are read once; the compared text is the executed one (`WorldFile.load`).
 
 
 _MAX_LIST_BYTES = 4 << 20  #: bytes of the list
 
 
 def list_path() -> Path:
-    """The list of this account: one line for each code, its digest and, for people, its file."""
+    """List of this account: one line for each code with its digest and, for people, its file."""
     return state_folder() / "started-worlds"
 
 
 def note_start(world: World) -> None:
-    """A person has started `world`: if it came from a world file, add it to the list.
+    """Add `world` to the list of started worlds if it came from a world file.
 
     Where the list cannot be written, recordings of the world show its recorded wrench.
     """
@@ -432,7 +432,8 @@ def note_start(world: World) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
         descriptor = os.open(known, flags, 0o600)
         try:
-            os.write(descriptor, f"{digest} {json.dumps(str(path))}\n".encode())  # one call: nobody writes in between
+            # one call: atomic with respect to other processes
+            os.write(descriptor, f"{digest} {json.dumps(str(path))}\n".encode())
         finally:
             os.close(descriptor)
 
@@ -458,13 +459,13 @@ def _read_code(path: Path) -> dict[Path, str]:
 
 
 def _started_code_digest(path: Path, name: str, code: Mapping[Path, str]) -> str:
-    """Of the file's place, the world's name, and all texts by their places."""
+    """Digest of the file's path, the world's name, and all texts with their paths."""
     texts = {str(file): hashlib.sha256(text.encode()).hexdigest() for file, text in code.items()}
     return hashlib.sha256(json.dumps([str(path), name, texts], sort_keys=True).encode()).hexdigest()
 
 
 def _read_list(path: Path) -> frozenset[str]:
-    """The digests in it; none if somebody else could have written it."""
+    """Digests in the list; none if another account could have written it."""
     try:
         with open_regular(path, "list of started worlds", InputError) as file:
             own = _is_own(os.fstat(file.fileno()))  # safety: own-list-only
@@ -475,20 +476,20 @@ def _read_list(path: Path) -> frozenset[str]:
 
 
 def _is_own(facts: os.stat_result) -> bool:
-    """Whether nobody but this account can have written a file; true where the system does not say."""
+    """Whether only this account can have written a file; true where the system does not report it."""
     return not hasattr(os, "geteuid") or (facts.st_uid == os.geteuid() and not facts.st_mode & 0o022)
 
 
 # --------------------------------------------------------------------------------------------------
-# A world as text, so that a recording can be replayed: package worlds by name and parameters, own code by digest.
+# World as text, so that a recording can be replayed: package worlds by name and parameters, user code by digest.
 #
-# Such a text is never executed, and neither is code that it names: a file of own code runs again only if this account
-# has started just that code by name (`started_code`). Classes of haptorb are created again with their values; a scene's
-# file is loaded only if it is byte for byte the recorded one.
+# Such a text is never executed, and neither is code that it names: a file of user code is executed again only if this
+# account has started exactly that code by name (`started_code`). Classes of haptorb are created again with their
+# values; a scene's file is loaded only if it is byte for byte the recorded one.
 
 
 _ROOM = "haptorb.worlds."
-#: where older recordings have a world from → where it is
+#: module of a world in older recordings → present module
 _EARLIER_MODULES = {
     "haptorb.worlds.basic.detents": "haptorb.worlds.basic",
     "haptorb.worlds.basic.fluid": "haptorb.worlds.fluid",
@@ -554,17 +555,18 @@ _EARLIER_MODULES = {
     "haptorb.worlds.wrench_part": "haptorb.worlds.base",
 }
 _DEEPEST = 12
-_MAX_FILE_BYTES = 16 << 20  #: bytes of a world's or scene's own file
-#: of the arrays in a note
+_MAX_FILE_BYTES = 16 << 20  #: of a world's or scene's own file
+#: types of arrays in a text
 _TYPES = frozenset({"<f8", "<f4", "<i8", "<i4", "<i2", "<u8", "<u4", "<u2", "|i1", "|u1", "|b1"})
 
 
 class _OwnCode(Exception):
-    """A value that is a user's code."""
+    """Value that is user code."""
 
 
 def note_world(world: World) -> str:
-    """`world` as JSON: "made" with the values of a world of the package, or "code" with file, name and digest.
+    """Serialise `world` to JSON: "made" with the values of a world of the package, or "code" with file, name and
+    digest.
 
     >>> from haptorb.worlds import find_world
     >>> load_noted_world(note_world(find_world("dome")())) == find_world("dome")()
@@ -577,7 +579,7 @@ def note_world(world: World) -> str:
 
 
 def load_noted_world(text: str) -> World:
-    """The world described by `note_world`.
+    """Deserialise a world from the text of `note_world`.
 
     Raises InputError, with the reason, if this version of haptorb cannot create it, or if the code or scene is
     missing or has changed.
@@ -620,7 +622,7 @@ def _encode(value: Any) -> Any:
 
 
 def _is_default(one: Field[Any], value: Any) -> bool:
-    """Whether a field that is no number, a height map perhaps, has its default."""
+    """Whether a field that is not a number, a height map for example, has its default."""
     if one.default_factory is MISSING or not isinstance(value, np.ndarray):
         return False
     usual = one.default_factory()
@@ -655,7 +657,7 @@ def _decode(value: Any, depth: int) -> Any:
 
 
 def _world_note_digest(path: Path) -> str:
-    """Of a regular file of reasonable size; empty for anything else."""
+    """Digest of a regular file of limited size; empty for anything else."""
     try:
         return hashlib.sha256(read_bytes(path, _MAX_FILE_BYTES, "file of a world", InputError)).hexdigest()
     except InputError:
@@ -663,7 +665,7 @@ def _world_note_digest(path: Path) -> str:
 
 
 def _describe_code(world: World) -> dict[str, str]:
-    """File, name and digest of the code, and whether the file is one that only defines a world."""
+    """File, name and digest of the code, and whether the file only defines a world."""
     code = getattr(world.wrench_code, "__code__", None)
     file = Path(code.co_filename) if isinstance(code, CodeType) else Path()
     return {
