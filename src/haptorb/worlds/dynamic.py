@@ -449,7 +449,7 @@ class DynamicSum(Sum, DynamicWorld):
         return total
 
     @property
-    def takes_commands(self) -> bool:  # of a class, but a sum has it if one of its parts does
+    def takes_commands(self) -> bool:  # type: ignore[override]  # an attribute of the base; depends on the parts
         """Whether one of the parts renders commands of a program outside the loop."""
         return any(part.takes_commands for _, part in self._remembering)
 

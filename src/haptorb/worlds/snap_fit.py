@@ -189,10 +189,9 @@ def _megapascal(stress: float) -> str:
 # Two points are easily overlooked:
 #
 # 1. Sliding is the motion of the part *relative to the body's surface*, and a hook's surface recoils along the hook
-#    while the hook bends (by `recoil` = χ times its bending). If the direction of pulling were used instead, as eqs.
-# (10)
-#    and (15) of Bai 2012 suggest, a hand could bend the hook while pulling (soft) and release it while pushing (stiff)
-#    and gain energy. With the sliding velocity v_s = v_t − χ v_n this is impossible: the input power is
+#    while the hook bends (by `recoil` = χ times its bending). If the direction of pulling were used instead, as
+#    eqs. (10) and (15) of Bai 2012 suggest, a hand could bend the hook while pulling (soft) and release it while
+#    pushing (stiff) and gain energy. With the sliding velocity v_s = v_t − χ v_n this is impossible: the input power is
 #    dU/dt + μ N |v_s|.
 # 2. The sign of v_s is smoothed, v_s/√(v_s² + creep²): below the creep speed friction is viscous. A part at rest has
 #    none; on a slope it therefore creeps.
