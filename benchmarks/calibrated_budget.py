@@ -22,7 +22,7 @@ import numpy as np
 from error_budget import NoWrench, Trial, find_places, run_loop, try_electromagnets
 from haptorb.cli.calibration_dialog import check_steps, guide_calibration
 from haptorb.cli.calibration_measurement import Pace, hold_tool, make_driver
-from haptorb.cli.inspect import report_errors
+from haptorb.cli.error_report import report_errors
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.calibration import Calibration

@@ -24,7 +24,7 @@ import numpy as np
 from changed_readings import ChangedReadings
 from haptorb.analysis.error_budget import ErrorBudget, WrenchBand
 from haptorb.arrays import Array
-from haptorb.cli.inspect import report_errors
+from haptorb.cli.error_report import report_errors
 from haptorb.cli.progress import build_tables
 from haptorb.control.registry import make_allocator
 from haptorb.devices.base import Device, rotation_to_axis

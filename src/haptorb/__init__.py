@@ -14,7 +14,7 @@ from haptorb.version import __version__ as __version__
 if TYPE_CHECKING:
     from haptorb.analysis.error_budget import ErrorSource
     from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
-    from haptorb.cli.inspect import report_errors as inspect_errors
+    from haptorb.cli.error_report import report_errors as inspect_errors
     from haptorb.control.trips import CoilState
     from haptorb.devices.api import wrench_map
     from haptorb.devices.base import Device, State, WrenchMap
@@ -96,7 +96,7 @@ _get, __dir__ = lazy_names(
     {
         "haptorb.analysis.error_budget": "ErrorSource",
         "haptorb.analysis.stability": "GRIPS HandGrip SampledLoop",
-        "haptorb.cli.inspect": "report_errors>inspect_errors",
+        "haptorb.cli.error_report": "report_errors>inspect_errors",
         "haptorb.control.trips": "CoilState",
         "haptorb.devices.api": "wrench_map",
         "haptorb.devices.base": "Device State WrenchMap",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.cli.inspect import card
+from haptorb.cli.cards import card
 from haptorb.cli.progress import build_tables
 from haptorb.devices.base import Device, require_geometry
 from haptorb.devices.drawing import SectionPlane, draw_section, draw_space

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.cli import main
-from haptorb.cli.inspect import sensing_accuracy
+from haptorb.cli.sensing_accuracy import sensing_accuracy
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb_papers.estimators import find_effects

@@ -13,8 +13,8 @@ import pytest
 from haptorb.analysis.coupling import hold_mover
 from haptorb.analysis.error_models import error_model
 from haptorb.analysis.workspace import workspace
+from haptorb.cli.cards import card
 from haptorb.cli.check_world import boundary
-from haptorb.cli.inspect import card
 from haptorb.control.linkage import make_linkage
 from haptorb.control.registry import describe_choice, has_choice, make_allocator, make_choice
 from haptorb.devices.base import Device, kind_of_name

@@ -14,7 +14,7 @@ import pytest
 
 import haptorb
 from haptorb import Servo
-from haptorb.cli.inspect import card
+from haptorb.cli.cards import card
 from haptorb.control.linkage import Gains
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import DeviceKind, State, register

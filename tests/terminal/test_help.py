@@ -50,7 +50,8 @@ def test_nothing_that_the_source_says_is_missing_or_changed(capsys, monkeypatch,
     for parameter in command.params:
         text = getattr(parameter, "help", None)
         assert text is None or flatten(text) in told
-        for name in parameter.opts + parameter.secondary_opts:
+        written = getattr(parameter, "metavar", None) if parameter.param_type_name == "argument" else None
+        for name in [written] if written else parameter.opts + parameter.secondary_opts:
             assert re.search(rf"(^| ){re.escape(name)}(\.\.\.)?[, ]", told)
         if getattr(parameter, "show_default", False) and isinstance(parameter.default, int | float | str):
             assert isinstance(parameter.default, bool) or f"[default: {parameter.default}" in told

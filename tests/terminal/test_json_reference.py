@@ -24,6 +24,8 @@ SAMPLES = {
         "omni-small-core",
         "pmsm",
         "tetrahedron",
+        "arm-touch",
+        "arm-sigma",
         "omni --errors --samples 100",
         "pmsm --errors --samples 100",
     ),

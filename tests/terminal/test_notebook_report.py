@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 import haptorb
 from haptorb import worlds
+from haptorb.cli.cards import card
 from haptorb.cli.check_computer import Fitness, Machine, StolenTime
 from haptorb.cli.check_world import Setting, judge_world
-from haptorb.cli.inspect import card
 from haptorb_bench import load_result
 from haptorb_papers.reproduce import ReproductionResult
 from haptorb_papers.reproduce.item import Item

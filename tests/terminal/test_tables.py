@@ -20,7 +20,7 @@ WIDTHS = (80, 120, 38)
 
 
 def omni_card():
-    from haptorb.cli.inspect import ElectromagnetCard
+    from haptorb.cli.electromagnet_card import ElectromagnetCard
     from haptorb.devices.electromagnet import FeasibleWrench, Layer, ShellCapability
 
     card = object.__new__(ElectromagnetCard)
@@ -36,7 +36,7 @@ def omni_card():
 
 
 def pmsm_card():
-    from haptorb.cli.inspect import MotorCard
+    from haptorb.cli.motor_card import MotorCard
     from haptorb.control.capability import MotorCapability
 
     card = object.__new__(MotorCard)
@@ -234,7 +234,7 @@ def ratings():
 
 
 def tetrahedron_card():
-    from haptorb.cli.inspect import CoilArrayCard
+    from haptorb.cli.array_card import CoilArrayCard
     from haptorb.control.capability import ArrayLayer, ContactForces
 
     card = object.__new__(CoilArrayCard)

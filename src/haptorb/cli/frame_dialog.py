@@ -24,7 +24,16 @@ from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.osc import POSE
 from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker
 
-__all__ = ["PACE", "Rehearsal", "Stroke", "check_device", "measure_miss", "register_frame", "rehearsal_port", "strokes"]
+__all__ = [
+    "PACE",
+    "Rehearsal",
+    "Stroke",
+    "check_device",
+    "measure_miss",
+    "register_frame",
+    "rehearsal_port",
+    "strokes",
+]
 
 
 Bar = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]

@@ -22,7 +22,8 @@ from haptorb.terminal import (
 )
 
 if TYPE_CHECKING:
-    from haptorb.cli.inspect import Card, ErrorReport
+    from haptorb.cli.card import Card
+    from haptorb.cli.error_report import ErrorReport
     from haptorb.devices.base import Device
 
 __all__ = ["register"]
@@ -141,7 +142,8 @@ def inspect(
 
     With --errors: the 95 % band of the delivered wrench and its sources of error.
     """
-    from haptorb.cli.inspect import Comparison, card, name_devices
+    from haptorb.cli.cards import card
+    from haptorb.cli.comparison import Comparison, name_devices
     from haptorb.cli.progress import build_tables
     from haptorb.devices.loader import load
     from haptorb.figure_file import check_figure_file, write_figure
@@ -182,7 +184,7 @@ def _budget_errors(
     device: Device, wrench: str | None, estimator: str | None, calibration: Path | None, samples: int, seed: int
 ) -> ErrorReport:
     """The error budget, with a bar while it is computed."""
-    from haptorb.cli.inspect import report_errors
+    from haptorb.cli.error_report import report_errors
     from haptorb.devices.quantity import si
     from haptorb.estimation.calibration import read_calibration
 
@@ -203,7 +205,7 @@ def _budget_errors(
 
 
 def _print_sensing(devices: list[Device], json: bool) -> None:
-    from haptorb.cli.inspect import sensing_accuracy
+    from haptorb.cli.sensing_accuracy import sensing_accuracy
 
     if len(devices) > 1:
         raise InputError(f"--sensing is for one device; got {len(devices)}")

@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from haptorb.cli.inspect import report_errors
+from haptorb.cli.error_report import report_errors
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from haptorb.cli.inspect import card
+from haptorb.cli.cards import card
 from haptorb.devices.loader import load
 from haptorb.web.session import describe_scene
 

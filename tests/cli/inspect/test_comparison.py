@@ -11,7 +11,8 @@ import pytest
 from rich.console import Console
 
 import haptorb
-from haptorb.cli.inspect import Comparison, card, name_devices
+from haptorb.cli.cards import card
+from haptorb.cli.comparison import Comparison, name_devices
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from oracles.command import run_command

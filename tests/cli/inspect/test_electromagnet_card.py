@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from haptorb.cli.inspect import card
+from haptorb.cli.cards import card
 from haptorb.devices.loader import load
 
 OMNI = load("omni")

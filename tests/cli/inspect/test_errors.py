@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from haptorb.analysis.array_errors import array_errors
-from haptorb.cli.inspect import report_errors
+from haptorb.cli.error_report import report_errors
 from haptorb.control.array_allocation import array_allocator
 from haptorb.devices.base import State
 from haptorb.devices.loader import load

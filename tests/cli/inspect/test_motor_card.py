@@ -9,7 +9,7 @@ from rich.console import Console
 
 import haptorb
 from haptorb.cli import main
-from haptorb.cli.inspect import card
+from haptorb.cli.cards import card
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptorb.cli.inspect import compute_row, sensing_cases
+from haptorb.cli.sensing_accuracy import compute_row, sensing_cases
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.field_sensors import SensorErrors, draw_sensors
 from haptorb.devices.loader import load

@@ -15,7 +15,7 @@ from scipy.signal import cont2discrete
 import haptorb
 from haptorb.analysis.workspace import map_workspaces, workspace
 from haptorb.arrays import Array
-from haptorb.cli.inspect import describe_mappings
+from haptorb.cli.comparison import describe_mappings
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import State
 from haptorb.devices.loader import catalogue, load, parse
