@@ -53,7 +53,7 @@ class RoundBody:
         return np.concatenate(rho), np.concatenate(z)
 
     def measure_distance(self, rho: Array, z: Array) -> Array:
-        """(n,) distance of points at radii `rho` and heights `z` (n,) from the section [m]; negative: the depth inside it."""
+        """(n,) distance [m] of points at radii `rho` and heights `z` (n,) from the section; negative: depth inside."""
         lowest = self.inner_radius if self.inner_radius > 0.0 else -self.outer_radius
         out = np.maximum(lowest - rho, rho - self.outer_radius)
         over = np.maximum(self.low - z, z - self.high)
