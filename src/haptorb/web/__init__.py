@@ -1,1 +1,1 @@
-"""Pages in the browser: the console, the player of recordings, and the server that they share."""
+"""Browser pages: the console, the player of recordings, and the server that they share."""

@@ -1,8 +1,8 @@
-"""Who may come in: only pages of this server itself, under the name of this computer, that know the token.
+"""Access control: only pages of this server, under a name of this computer, with the token.
 
-A page of another site could otherwise open a WebSocket to 127.0.0.1 (browsers let it) and move a powered machine; one
-that has its own name resolved to 127.0.0.1 could pretend to be this server; and so could any program of another account
-of this computer. Origin stops the first, Host the second, the token the third.
+Three attacks are prevented. A page of another site could open a WebSocket to 127.0.0.1 (browsers allow it) and move a
+powered machine: checked by Origin. A page whose host name resolves to 127.0.0.1 could pass as this server: checked by
+Host. A program of another account of this computer could connect: checked by the token.
 """
 
 from __future__ import annotations
@@ -23,32 +23,34 @@ __all__ = ["LOOPBACK", "PROTOCOL", "TOKEN", "AccessGate", "choose_token", "is_au
 
 
 # --------------------------------------------------------------------------------------------------
-# The token in a program's address: who does not know it is another account of this computer, and may do nothing.
+# Token: requests without it, such as those of other accounts of this computer, are refused.
 #
-# The address ends in `#TOKEN`. What stands behind the # stays in the browser: it is in no request line, no log and no
-# referrer. The page shows the token in a header of every request, `Authorization: Bearer TOKEN`, or, because a browser
-# lets a page add no header to a WebSocket, as a subprotocol, `haptorb, token.TOKEN`.
+# The address ends in `#TOKEN`. The fragment after # stays in the browser: it is in no request line, log or referrer.
+# The page sends the token with every request in the header `Authorization: Bearer TOKEN`, or, because a browser does
+# not let a page add headers to a WebSocket, as a subprotocol, `haptorb, token.TOKEN`.
 
 
-TOKEN = "HAPTORB_TOKEN"  #: of the environment: a token that stays the same from one start to the next
+TOKEN = "HAPTORB_TOKEN"  #: environment variable with a token that stays the same across restarts
 PROTOCOL = "haptorb"  #: the subprotocol that is accepted; the token is offered as a second one
 
-_SHORTEST = 16  #: a token that cannot be guessed [characters]
-_SHAPE = re.compile(r"[A-Za-z0-9_-]*")
+_MIN_TOKEN_CHARACTERS = 16  #: a shorter token could be guessed [characters]
+_TOKEN_PATTERN = re.compile(r"[A-Za-z0-9_-]*")
 
 
 def choose_token() -> str:
-    """A new token, or the one in the environment's HAPTORB_TOKEN; InputError if that cannot be one."""
+    """Return HAPTORB_TOKEN of the environment, or a new token. Raises InputError if the variable is no valid token."""
     given = os.environ.get(TOKEN, "")
     if not given:
-        return secrets.token_urlsafe(_SHORTEST)
-    if len(given) < _SHORTEST or not _SHAPE.fullmatch(given):
-        raise InputError(f"{TOKEN} must have at least {_SHORTEST} letters, digits, - or _; got {len(given)} characters")
+        return secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS)
+    if len(given) < _MIN_TOKEN_CHARACTERS or not _TOKEN_PATTERN.fullmatch(given):
+        raise InputError(
+            f"{TOKEN} must have at least {_MIN_TOKEN_CHARACTERS} letters, digits, - or _; got {len(given)} characters"
+        )
     return given
 
 
 def is_authorized(headers: Headers, token: str) -> bool:
-    """Whether a request shows `token`, in a header or as a subprotocol; compared in constant time.
+    """Whether a request has `token` in a header or as a subprotocol; compared in constant time.
 
     >>> is_authorized(Headers({"authorization": "Bearer abc"}), "abc")
     True
@@ -65,10 +67,10 @@ def is_authorized(headers: Headers, token: str) -> bool:
     return known
 
 
-#: the names of this computer for itself
+#: loopback names of this computer
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 
-#: nothing but this server's own files may be loaded, run, framed or talked to
+#: content security policy: only this server's own files may be loaded, run, framed or connected to
 POLICY = "; ".join(
     (
         "default-src 'none'",
@@ -83,17 +85,17 @@ POLICY = "; ".join(
     )
 )
 
-_FRAMED = "frame-ancestors 'self'; frame-src 'self'"
+_FRAMED_POLICY = "frame-ancestors 'self'; frame-src 'self'"
 
 
-def _host(authority: str) -> str:
-    """The host in `host:port`, lower case, without a final dot."""
+def _parse_host(authority: str) -> str:
+    """Host of `host:port`, lower case, without a trailing dot."""
     host = authority.rsplit(":", 1)[0] if not authority.endswith("]") and ":" in authority else authority
     return host.lower().rstrip(".")
 
 
 def _is_own_name(host: str) -> bool:
-    """Whether `host` is a numerical address, which no other site can have resolved to this computer, or its name."""
+    """Whether `host` is a numerical address, which cannot be a spoofed host name, or the name of this computer."""
     name = socket.gethostname().lower()
     if host in (name, f"{name.partition('.')[0]}.local"):
         return True
@@ -105,15 +107,15 @@ def _is_own_name(host: str) -> bool:
 
 
 class AccessGate:
-    """ASGI middleware: checks Host, Origin and token on the way in, and adds the content policy on the way out.
+    """ASGI middleware: checks Host, Origin and token of requests, and adds the content security policy to responses.
 
-    token   empty: none is needed
-    free    paths that need no token, as the files in /static/ never do: a page alone says nothing about the device
-    framed  whether pages of this server may stand in frames of each other; of others they never may, but for
-    framed_by  the origin of another server of this program, whose pages may frame these; empty: none may
-    exposed  the server listens beyond this computer: it may be called by any numerical address, or by its name
-    origin  where browsers find it behind a proxy, such as https://lab.example; empty: nowhere else
-    frames  origins of servers of this program that pages of this one may frame; empty: none
+    token      empty: no token required
+    free       paths without a token, like the files in /static/: the pages contain no data of the device
+    framed     whether pages of this server may frame each other; pages of other origins may not, except
+    framed_by  origin of another server of this program, whose pages may frame these; empty: none
+    exposed    whether other computers reach the server: then any numerical address or its name is a valid Host
+    origin     public origin behind a proxy, such as https://lab.example; empty: none
+    frames     origins of servers of this program that pages of this one may frame; empty: none
     """
 
     def __init__(
@@ -130,7 +132,7 @@ class AccessGate:
     ) -> None:
         self.app = app
         self._exposed, self._origin = exposed, origin
-        self._policy = POLICY.replace("frame-ancestors 'none'", _FRAMED) if framed else POLICY
+        self._policy = POLICY.replace("frame-ancestors 'none'", _FRAMED_POLICY) if framed else POLICY
         if framed_by:
             self._policy = self._policy.replace("frame-ancestors 'none'", f"frame-ancestors {framed_by}")
         if frames:
@@ -145,7 +147,7 @@ class AccessGate:
         headers = Headers(scope=scope)
         refusal = self.refusal(headers, self._exposed, self._origin)
         # safety: console-token
-        if refusal is None and not self._open(scope["path"]) and not is_authorized(headers, self._token):
+        if refusal is None and not self._needs_no_token(scope["path"]) and not is_authorized(headers, self._token):
             refusal = "open the full address that the terminal printed, with the part after its #"
         if refusal is None:
             await self.app(scope, receive, _add_policy(send, self._policy))
@@ -155,27 +157,27 @@ class AccessGate:
         else:
             await PlainTextResponse(refusal + "\n", status_code=403)(scope, receive, send)
 
-    def _open(self, path: str) -> bool:
+    def _needs_no_token(self, path: str) -> bool:
         return not self._token or path in self._free or path.startswith("/static/")
 
     @staticmethod
     def refusal(headers: Headers, exposed: bool = False, public: str = "") -> str | None:
-        """Why this request may not come in, or None; arguments as `exposed` and `origin` of the gate."""
+        """Reason to refuse a request, or None; arguments are `exposed` and `origin` of the gate."""
         host = headers.get("host", "")
-        known = _host(host) in LOOPBACK or (exposed and _is_own_name(_host(host)))
+        known = _parse_host(host) in LOOPBACK or (exposed and _is_own_name(_parse_host(host)))
         if not known and not (public and host.lower() == public.partition("://")[2]):
             return f"this server answers on 127.0.0.1 only, not as '{host}'"
         origin = headers.get("origin")
         if public and origin is not None and origin.lower() == public:
             return None
-        # Programs send no Origin; browsers always send it with a WebSocket. It is compared, never taken apart.
+        # Programs send no Origin; browsers always send it with a WebSocket. It is compared as a whole, not parsed.
         if origin is not None and origin.lower() != f"http://{host.lower()}":
             return f"pages of '{origin}' may not use this server"
         return None
 
 
 def _add_policy(send: Send, policy: str) -> Send:
-    """`send`, with the content `policy` on every answer."""
+    """Wrap `send` to add the content security `policy` and further security headers to every response."""
 
     async def send_with_policy(message: Message) -> None:
         if message["type"] == "http.response.start":

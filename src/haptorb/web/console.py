@@ -1,4 +1,4 @@
-"""The console's server: one port on this computer only, served until the servo or the user ends it."""
+"""Console: the page for a running servo and its server, by default reachable only from this computer."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ __all__ = ["PORT", "STATIC", "Console", "application"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The console as an ASGI application: one page, its files, what it must know, and one WebSocket.
+# ASGI application of the console: the page, its files, the session description, and one WebSocket.
 
 
-#: where the build hook puts the page
+#: folder into which the build hook writes the page
 STATIC = Path(__file__).parent / "console_static"
 
 
@@ -55,14 +55,14 @@ def application(
     framed_by: str = "",
     where: PageAddress = PageAddress(),
 ) -> Starlette:
-    """The ASGI application for one running servo, for those who know `app.state.token`.
+    """Build the ASGI application of the console for one running servo; requests need `app.state.token`.
 
-    With `designs`, pages choose and rate those, and neither world nor parameters. Pages of the origin `framed_by`, of
-    this program, may frame the console's.
+    With `designs`, pages select and rate designs, and cannot set world or parameters. Pages of the origin `framed_by`,
+    another server of this program, may frame the console.
 
-    `force_map` answers what the device would give at points in space; by default the simulation of `servo.device` does.
-    `app.state.force_map` is the process behind that, to be closed at the end, or None.
-    Raises InputError if the page has not been built, or the environment's HAPTORB_TOKEN cannot be one.
+    `force_map` computes the force of the device at points in space; by default a simulation of `servo.device`.
+    `app.state.force_map` is the process of that simulation, to be closed at the end, or None.
+    Raises InputError if the page has not been built, or HAPTORB_TOKEN of the environment is no valid token.
     """
     token = choose_token()
     files = page_files(STATIC)
@@ -100,37 +100,36 @@ def application(
         middleware=[
             Middleware(AccessGate, token=token, framed_by=framed_by, exposed=where.exposed, origin=where.origin)
         ],
-        lifespan=run_beside(hub.keep),
+        lifespan=run_beside(hub.run),
     )
     app.state.force_map = process
     app.state.token = token
     return app
 
 
-PORT = 8765  #: default
-_END_CHECK_INTERVAL_S = (
-    0.01  #: between two looks whether to end: a duration that is over leaves the coils on for so long [s]
-)
+PORT = 8765  #: default port
+#: polling interval of the end condition: after the duration of a run the coils stay on for at most this long [s]
+_END_POLL_INTERVAL_S = 0.01
 
 
 @final
 class Console:
-    """A page for a running servo, at `url`: the address of this computer, and behind its # the token of this run.
+    """Console page of a running servo at `url`, which contains the token of this run after #.
 
-    Who does not know the token, such as another account of this computer, gets neither numbers nor control.
+    Clients without the token, such as other accounts of this computer, get neither data nor control.
 
         servo = Servo(device, world)
         with Console(servo) as console, servo:
             print(console.url)
             console.serve()
 
-    Best made before the servo starts: then the process that paints the force map loads at the same time.
+    Create it before the servo starts, so that the process of the force map loads at the same time.
 
-    port      0 takes any free one
-    designs   a session in which designs are felt and rated; its panel stands in place of the world's
-    framed_by  origin of another server of this program whose pages may frame the console's; empty: none may
-    where     the address that it listens on, and the one at which browsers find it; else this computer's own
-    Raises InputError at once if the port is taken or cannot be had, or the page has not been built.
+    port       0: any free port
+    designs    session in which designs are rated; its panel replaces that of the world
+    framed_by  origin of another server of this program whose pages may frame the console; empty: none
+    where      address that it listens on, and public address; by default loopback only
+    Raises InputError at once if the port is not available or the page has not been built.
     """
 
     def __init__(
@@ -152,22 +151,21 @@ class Console:
             raise
         self._force_map: ForceMapProcess | None = app.state.force_map
         self.port = int(self._socket.getsockname()[1])
-        self.token: str = app.state.token  #: what a program says instead: `Authorization: Bearer TOKEN`
+        self.token: str = app.state.token  #: for programs: header `Authorization: Bearer TOKEN`
         self.origin = f"http://{HOST}:{self.port}"
         self.url = f"{where.url(self.port)}#{self.token}"
         self._server = server(app)
 
     @property
     def answers(self) -> bool:
-        """Whether a browser that opens `url` now gets the page."""
+        """Whether the server answers requests."""
         return self._server.started
 
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
-        """Serve until `close`, SIGINT, SIGTERM or SIGHUP (the signal's number is returned), `until()`, or the servo's
-        end.
+        """Serve until `close`, SIGINT, SIGTERM or SIGHUP (its number is returned), `until()`, or the end of the servo.
 
-        The loop ends with it, coils off first: nobody could stop it from the page any more. Signals are received only
-        in the main thread; the former handlers are restored.
+        The loop ends with the server, coils off first, because the page could not stop it any more. Signals are
+        handled only in the main thread; the previous handlers are restored.
         """
         signals_seen: list[int] = []
 
@@ -191,18 +189,18 @@ class Console:
                 opened = True
                 threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
             if not self._servo.alive:
-                await asyncio.sleep(0.7)  # one more moment, so that the page can show it before the socket closes
+                await asyncio.sleep(0.7)  # so that the page can show the end before the socket closes
                 self._server.should_exit = True
                 break
             if until():
                 self._servo.end_loop()
                 self._server.should_exit = True
                 break
-            await asyncio.sleep(_END_CHECK_INTERVAL_S)
+            await asyncio.sleep(_END_POLL_INTERVAL_S)
         await serving
 
     def close(self) -> None:
-        """End `serve`, and the loop with it; may be called from any thread, and twice."""
+        """End `serve` and the loop. Thread-safe; may be called twice."""
         self._servo.end_loop()
         self._server.should_exit = True
 

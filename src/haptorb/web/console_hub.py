@@ -1,4 +1,4 @@
-"""Everyone who looks at the device: one page holds the hand, the others watch; anyone may stop."""
+"""WebSocket hub of the console: one page controls the device, the others observe; every page can stop it."""
 
 from __future__ import annotations
 
@@ -41,53 +41,53 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# One connected page: its socket, and what it has not got yet; who does not listen is left.
+# Connection of one page: its socket, and the events to send; a page that does not read is disconnected.
 
 
-PATIENCE = 5.0  #: for a page that does not take what is sent [s]
+PATIENCE = 5.0  #: send timeout of a page that does not read [s]
 
 
 @final
 class ConsolePage:
-    """Of every kind of event only the newest waits to be sent, so a slow page costs no more than a quick one."""
+    """Connection of one page; of each kind of event only the newest is queued, which bounds the cost of a slow page."""
 
     def __init__(self, socket: WebSocket) -> None:
         self.socket = socket
         self.events: dict[str, dict[str, Any]] = {}
-        self.force_version = -1  #: version of the force map that it has
-        self.dropped = 0  #: rows that it will never get
-        self.soon = asyncio.Event()  #: something is worth sending before the frame is full
+        self.force_version = -1  #: version of the last force map sent
+        self.dropped = 0  #: rows not sent because the page was too slow
+        self.soon = asyncio.Event()  #: set to send before the next frame is due
 
-    def tell(self, event: str, **what: Any) -> None:
-        """Send `event`; a newer one of the same kind replaces it if it has not left yet."""
-        self.events[event] = {"event": event, **what}
+    def enqueue(self, event: str, **values: Any) -> None:
+        """Enqueue `event`; it replaces one of the same kind that was not sent yet."""
+        self.events[event] = {"event": event, **values}
         self.soon.set()
 
     async def send_events(self) -> None:
-        """Every message to the page; TimeoutError as in `send`."""
+        """Send all queued events. Raises TimeoutError as `send` does."""
         while self.events:
             event = self.events.pop(next(iter(self.events)))
             async with asyncio.timeout(PATIENCE):
                 await self.socket.send_text(json.dumps(event, allow_nan=False, default=to_json))
-            await asyncio.sleep(0)  # if that failed, the server sees it now
+            await asyncio.sleep(0)  # lets the server process a failure now
 
     async def send(self, frame: bytes) -> None:
-        """One frame; TimeoutError if the page has not taken the earlier ones after five seconds."""
+        """Send one frame. Raises TimeoutError if the page has not read the earlier ones after 5 s."""
         async with asyncio.timeout(PATIENCE):
             await self.socket.send_bytes(frame)
         await asyncio.sleep(0)
 
 
 def to_json(value: Any) -> Any:
-    """`value` as JSON has it."""
+    """Convert arrays and numpy scalars to JSON types."""
     if isinstance(value, tuple | list | np.ndarray):
         return [float(number) for number in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
-async def wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
-    """Until one of `ways` ends; the others are cancelled."""
-    tasks = [asyncio.create_task(way) for way in ways]
+async def wait_for_first(*coroutines: Coroutine[Any, Any, None]) -> None:
+    """Run the coroutines until one of them ends; cancel the others."""
+    tasks = [asyncio.create_task(coroutine) for coroutine in coroutines]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -99,17 +99,17 @@ async def wait_for_first(*ways: Coroutine[Any, Any, None]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# How well the loop keeps its time, over the last seconds, and what is amiss: what the page's header says.
+# Health of the loop for the page's header: timing over the last seconds, and warnings.
 
 
-#: seconds of the past that count
+#: length of the window of the statistics [s]
 WINDOW = 5.0
-#: what one look reads at the most [s]: copying all rows that the loop keeps would hold up a Stop by tens of ms
-_READ = 1.0
+#: rows read per call at most [s]: copying all rows in the ring would delay a Stop by tens of ms
+_MAX_HEALTH_READ_S = 1.0
 
 
 def describe_troubles(servo: Servo) -> dict[str, Any]:
-    """Whether the loop runs, texts that are empty while all is well, and which programs are connected."""
+    """Whether the loop runs, warning texts (empty: none), and the connected programs."""
     return {
         "alive": servo.alive,
         "recording_trouble": servo.recording_trouble,
@@ -122,7 +122,7 @@ def describe_troubles(servo: Servo) -> dict[str, Any]:
 
 @final
 class Health:
-    """Looks at every row twice a second and keeps five seconds of it."""
+    """Timing statistics over the last 5 s, updated twice a second from all rows."""
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
@@ -133,12 +133,14 @@ class Health:
         self._cursor = 0
         self._window: deque[Array] = deque()  # each (n, 5): t, missed, lateness, compute time, age of the pose
 
-    def look(self) -> dict[str, float | None]:
-        """Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
+    def measure(self) -> dict[str, float | None]:
+        """Timing statistics of the window.
+
+        Rate [Hz], share of deadlines met, 50th and 99th percentile of lateness and median compute time [µs], 99th
         percentile of the age of valid poses [ms]."""
         before = self._cursor
-        self._cursor, rows = self._servo.rows(before, int(_READ * self._servo.rate))
-        if self._cursor - before > len(rows):  # nobody looked for a while
+        self._cursor, rows = self._servo.rows(before, int(_MAX_HEALTH_READ_S * self._servo.rate))
+        if self._cursor - before > len(rows):  # a gap: not called for a while
             self._window.clear()
         if len(rows):
             compute = rows[:, self._stages].sum(axis=1)
@@ -184,32 +186,32 @@ class Health:
 
 
 # --------------------------------------------------------------------------------------------------
-# The rows of the last two seconds, read from the servo once for all pages.
+# Buffer of the rows of the last 2 s, read from the servo once for all pages.
 
 
-#: rows older than this are not worth sending to a page that was too slow [s]
+#: rows older than this are dropped instead of being sent to a slow page [s]
 BACKLOG = 2.0
-#: what one look reads at the most [s], as in `Health`
-_AT_ONCE = 0.25
+#: rows read per call at most, for the same reason as in `Health` [s]
+_MAX_ROWS_READ_S = 0.25
 
 
 @final
 class RecentRows:
-    """A page says up to which row it has seen them, and gets what is newer; who is too slow misses the oldest."""
+    """Row buffer shared by all pages; each page reads the rows after an index, a slow one misses the oldest."""
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
         self._t = servo.layout["t"].start
         self._pieces: deque[tuple[int, Array]] = deque()  # number of the first row, rows (n, width)
-        self.end = 0  #: how many rows there were in all
+        self.end = 0  #: total number of rows so far
 
-    def look(self) -> int:
-        """Read what is new, forget what is old; returns `end`."""
+    def poll(self) -> int:
+        """Read new rows from the servo and drop old ones; returns `end`."""
         before = self.end
-        self.end, rows = self._servo.rows(before, int(_AT_ONCE * self._servo.rate))
+        self.end, rows = self._servo.rows(before, int(_MAX_ROWS_READ_S * self._servo.rate))
         if not len(rows):
             return self.end
-        if self.end - before > len(rows):  # nobody looked for a while; what lies before the gap is old
+        if self.end - before > len(rows):  # a gap: not called for a while, so earlier rows are old
             self._pieces.clear()
         self._pieces.append((self.end - len(rows), rows))
         while self._pieces[0][1][-1, self._t] < rows[-1, self._t] - BACKLOG:
@@ -217,7 +219,7 @@ class RecentRows:
         return self.end
 
     def read_since(self, index: int) -> Array:
-        """(n, width) the rows after the first `index`, oldest first; at least one must be newer."""
+        """Rows (n, width) from `index` on, oldest first; there must be at least one."""
         wanted = []
         for first, rows in reversed(self._pieces):
             if first + len(rows) <= index:
@@ -227,86 +229,86 @@ class RecentRows:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the console needs of a session in which designs are felt and rated, and nothing else of it.
+# Interface of a session in which designs are rated, as far as the console uses it.
 
 
 class DesignSession(Protocol):
-    """A session that chooses the worlds: pages show it and send its commands. Methods may be called in any thread."""
+    """Session that selects the worlds; pages display it and send commands to it. Methods must be thread-safe."""
 
     @property
     def version(self) -> int:
-        """Another number after every change."""
+        """Version number, which changes with every change of the session."""
         ...
 
     @property
     def hidden(self) -> bool:
-        """Whether name, values and picture of the design are hidden from every page."""
+        """Whether name, values and drawing of the design are hidden on all pages."""
         ...
 
     def describe(self) -> Mapping[str, Any]:
-        """What a page shows of it, as plain JSON types."""
+        """State for the pages, plain JSON types."""
         ...
 
     def execute(self, command: Mapping[str, Any]) -> None:
-        """What a page asks for; HaptorbError if it cannot be."""
+        """Execute a page's command. Raises HaptorbError if it is invalid."""
         ...
 
 
 # --------------------------------------------------------------------------------------------------
-# Between pages and a session in which designs are felt: its commands one after another, its state to every page.
+# Relay between pages and such a session: commands are executed one after another, the state is sent to all pages.
 #
-# Everything of it waits for disk or servo in threads: nothing of a feel session may hold up a Stop.
+# Waiting for disk and servo is done in threads, so that a session never delays a Stop.
 
 
 @final
 class DesignRelay:
-    """The part of a hub that joins its `pages` to `designs`.
+    """Relay between the `pages` of a hub and the session `designs`.
 
-    notice_world   sends the world to the pages if it has changed
+    publish_world   sends the world to the pages if it has changed
     """
 
-    def __init__(self, designs: DesignSession, pages: list[ConsolePage], notice_world: Callable[[], None]) -> None:
-        self._designs, self._pages, self._notice_world = designs, pages, notice_world
-        self._version = -1  # as the pages know it
-        self._choosing = asyncio.Lock()
+    def __init__(self, designs: DesignSession, pages: list[ConsolePage], publish_world: Callable[[], None]) -> None:
+        self._designs, self._pages, self._publish_world = designs, pages, publish_world
+        self._version = -1  # as sent to the pages
+        self._command_lock = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
     @property
     def hidden(self) -> bool:
-        """Whether name, values and picture of the design are hidden from every page."""
+        """Whether name, values and drawing of the design are hidden on all pages."""
         return self._designs.hidden
 
-    def notice(self) -> None:
-        """Tell everyone if page or terminal changed anything."""
+    def poll(self) -> None:
+        """Send the state to all pages if a page or the terminal changed it."""
         if self._designs.version != self._version:
             self._version = self._designs.version
-            self._begin(self.tell(self._pages))
+            self._start_task(self.send_state(self._pages))
 
     def execute(self, page: ConsolePage, command: dict[str, Any]) -> None:
-        """Do what `page` asks for, after what was asked before."""
-        self._begin(self._execute(page, command))
+        """Execute a command of `page`, after earlier commands."""
+        self._start_task(self._execute(page, command))
 
-    async def tell(self, pages: list[ConsolePage]) -> None:
-        """Tell `pages` what is felt now."""
+    async def send_state(self, pages: list[ConsolePage]) -> None:
+        """Send the state of the session to `pages`."""
         try:
             now = await asyncio.to_thread(self._designs.describe)
-        except HaptorbError as mistake:  # the file of ratings cannot be read any more
+        except HaptorbError as mistake:  # the file of ratings is no longer readable
             for page in list(pages):
-                page.tell("mistake", text=str(mistake))
+                page.enqueue("mistake", text=str(mistake))
             return
         for page in list(pages):
-            page.tell("feel", **now)
-        self._notice_world()
+            page.enqueue("feel", **now)
+        self._publish_world()
 
     async def _execute(self, page: ConsolePage, command: dict[str, Any]) -> None:
-        async with self._choosing:
+        async with self._command_lock:
             try:
                 await asyncio.to_thread(self._designs.execute, command)
             except HaptorbError as mistake:
-                page.tell("mistake", text=str(mistake))
-                await self.tell([page])
+                page.enqueue("mistake", text=str(mistake))
+                await self.send_state([page])
 
-    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+    def _start_task(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -314,31 +316,31 @@ class DesignRelay:
 
 MOST = 16  #: pages at the same time
 FRAME = 1 / 60  #: between two frames [s]
-SOON = 1 / 500  #: between two looks at the rows while an answer to the pointer is awaited [s]
+SOON = 1 / 500  #: polling interval of the rows while an echo of the pointer is pending [s]
 REFRESH = 1 / 100  #: between two refreshes of a hand at rest [s]
-LOOK = 0.5  #: between two looks at the loop's health [s]
-FRESH = 0.1  #: from steadying the hand to engaging [s]
+LOOK = 0.5  #: between two measurements of the loop's health [s]
+FRESH = 0.1  #: delay of engaging, for the guard to get a fresh pose [s]
 
-_TELLING = (
+_REPORTED_REFUSALS = (
     "another_sender",
     "another_account",
     "stranger",
     "jump",
-)  # what a tracker refuses and a person should know of
-_FULL = 1013  #: of a WebSocket that is closed: try again later
+)  # reasons of refused poses that are reported to the user
+_TRY_AGAIN_LATER = 1013  #: close code of a WebSocket
 _COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, buttons, world"
-_NAME = 64  #: of a world, a mode or a value [characters]
+_MAX_NAME_CHARACTERS = 64  #: of a mode or a model [characters]
 
 
 @final
 class ConsoleSocketHub:
-    """Joins pages to one servo, which must run before the first page comes."""
+    """Connects pages to one servo, which must run before the first page connects."""
 
     def __init__(self, servo: Servo, painter: ForceMapWorker | None, designs: DesignSession | None = None) -> None:
         self._servo = servo
         self._painter = painter
-        self._pages: list[ConsolePage] = []  # the first has the control
-        self._designs = None if designs is None else DesignRelay(designs, self._pages, self._notice_world)
+        self._pages: list[ConsolePage] = []  # the first one has control
+        self._designs = None if designs is None else DesignRelay(designs, self._pages, self._publish_world)
         self._hand = PointerRelay(servo)
         self._health = Health(servo)
         self._recent = RecentRows(servo)
@@ -350,50 +352,50 @@ class ConsoleSocketHub:
         if servo.modes:
             prepare()
         self._world: tuple[str, dict[str, Any], str, bool] = ("", {}, "", False)
-        self._own = servo.own_worlds  # as the pages know them
+        self._own = servo.own_worlds  # as sent to the pages
         self._version = 0
-        self._asked: tuple[ConsolePage, str, dict[str, Any]] | None = None
-        self._trouble = ""  # why there is no map of this world
-        self._asking: asyncio.Task[None] | None = None
-        self._refused = dict.fromkeys(_TELLING, 0)
+        self._requested_world: tuple[ConsolePage, str, dict[str, Any]] | None = None
+        self._map_failure = ""  # why there is no map of this world
+        self._world_task: asyncio.Task[None] | None = None
+        self._refused = dict.fromkeys(_REPORTED_REFUSALS, 0)
         self._engaging: asyncio.TimerHandle | None = None
 
-    async def keep(self) -> None:
-        """Housekeeping for as long as the server runs: the resting hand, the loop's health, the world."""
+    async def run(self) -> None:
+        """Run periodic tasks until cancelled: refresh the hand, publish health and changes of the world."""
         next_look = 0.0
         while True:
-            self._hand.keep()
+            self._hand.refresh()
             if time.monotonic() >= next_look:
                 next_look = time.monotonic() + LOOK
                 if self._pages:
-                    self._send_to_all("health", **self._health.look(), **describe_troubles(self._servo))
-                self._notice_world()
+                    self._send_to_all("health", **self._health.measure(), **describe_troubles(self._servo))
+                self._publish_world()
                 self._report_refused_poses()
             if self._designs is not None:
-                self._designs.notice()
+                self._designs.poll()
             if self._pages:
-                self._recent.look()  # in small pieces, also while every page is slow
+                self._recent.poll()  # in small portions, even if all pages are slow
             await asyncio.sleep(REFRESH)
 
     async def join(self, socket: WebSocket) -> None:
-        """Serve one page until it goes away, or does not listen; a seventeenth is sent away with the reason."""
+        """Serve one page until it disconnects or stops reading; refuse pages above the maximum with the reason."""
         await socket.accept(PROTOCOL if PROTOCOL in socket.scope["subprotocols"] else None)
         if len(self._pages) >= MOST:
-            await socket.close(_FULL, f"{MOST} pages are open already: close one of them")
+            await socket.close(_TRY_AGAIN_LATER, f"{MOST} pages are open already: close one of them")
             return
         page = ConsolePage(socket)
         self._pages.append(page)
         try:
-            self._notice_world()
-            self._tell_roles()
-            page.tell("world", **self._world_event())
+            self._publish_world()
+            self._send_roles()
+            page.enqueue("world", **self._world_event())
             if self._designs is not None:
-                await self._designs.tell([page])
-            if self._trouble:
-                page.tell("mistake", text=self._trouble)
+                await self._designs.send_state([page])
+            if self._map_failure:
+                page.enqueue("mistake", text=self._map_failure)
             await wait_for_first(self._send(page), self._listen(page))
         except (WebSocketDisconnect, RuntimeError, TimeoutError):
-            pass  # the page went away while something was on its way, or it does not listen
+            pass  # the page disconnected during a send, or does not read
         finally:
             had_control = self._pages[0] is page
             self._pages.remove(page)
@@ -401,7 +403,7 @@ class ConsoleSocketHub:
                 self._servo.press(())
                 self._cancel_engage()
                 self._hand.release()
-            self._tell_roles()
+            self._send_roles()
 
     async def _listen(self, page: ConsolePage) -> None:
         while True:
@@ -409,10 +411,10 @@ class ConsoleSocketHub:
             if message["type"] == "websocket.disconnect":
                 return
             self._handle_message(page, message)
-            await asyncio.sleep(0)  # however much one page says, the others have their turn
+            await asyncio.sleep(0)  # let other pages have their turn, however much one sends
 
     def _handle_message(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
-        """One message of a page: its pointer, or a command; a stop before all else, from any page and in any form."""
+        """Handle one message of a page: a Stop first, from any page and even if malformed; else command or pointer."""
         try:
             if (text := message.get("text")) is not None:
                 if is_stop_request(text):  # safety: console-stop-first
@@ -423,7 +425,7 @@ class ConsoleSocketHub:
                 self._hand.point(pointer(message.get("bytes") or b""))
                 page.soon.set()
         except HaptorbError as mistake:
-            page.tell("mistake", text=str(mistake))
+            page.enqueue("mistake", text=str(mistake))
 
     def _stop(self) -> None:
         self._servo.stop()
@@ -431,27 +433,27 @@ class ConsoleSocketHub:
         self._send_to_all("stopped", by="you" if len(self._pages) == 1 else "a page")
 
     def _execute(self, page: ConsolePage, command: dict[str, Any]) -> None:
-        """One command; only the page that has the control may do more than stop."""
+        """Execute one command; only the page in control may do more than stop."""
         match command["do"]:
-            case "stop":  # in letters that `is_stop_request` does not read
+            case "stop":  # spelled with escapes that `is_stop_request` does not match
                 self._stop()
             case _ if page is not self._pages[0]:
                 raise InputError("another page is in control; this one only watches, and can still stop")
             case "engage":
                 self._hand.end_expired_drag()
                 self._cancel_engage()
-                # The guard engages only on a fresh pose; give it time to see one. A stop in between counts.
+                # The guard engages only on a fresh pose, so wait for one. A stop in between cancels.
                 # safety: console-engage-stops
                 self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
             case "home":
-                self._hand.let_go()
+                self._hand.home()
             case "drop":
                 self._hand.drop()
             case "mode":
-                self._servo.set_mode(str(command.get("mode"))[:_NAME])
+                self._servo.set_mode(str(command.get("mode"))[:_MAX_NAME_CHARACTERS])
             case "model":
-                self._servo.set_model(str(command.get("model"))[:_NAME])
-                self._notice_world()
+                self._servo.set_model(str(command.get("model"))[:_MAX_NAME_CHARACTERS])
+                self._publish_world()
             case "clutch":
                 if not isinstance(command.get("engaged"), bool):
                     raise InputError("the clutch is set by `engaged`, true or false")
@@ -465,9 +467,9 @@ class ConsoleSocketHub:
             case "buttons":
                 press_buttons(self._servo, command)
             case "world":
-                self._asked = (page, *read_world(command))
-                if self._asking is None or self._asking.done():
-                    self._asking = asyncio.create_task(self._ask())
+                self._requested_world = (page, *read_world(command))
+                if self._world_task is None or self._world_task.done():
+                    self._world_task = asyncio.create_task(self._request_world())
             case other:
                 raise InputError(f"unknown command {other!r} (known: {_COMMANDS})")
 
@@ -476,26 +478,26 @@ class ConsoleSocketHub:
         try:
             self._servo.engage(stops)
         except HaptorbError as mistake:
-            page.tell("mistake", text=str(mistake))
+            page.enqueue("mistake", text=str(mistake))
 
     def _cancel_engage(self) -> None:
         if self._engaging is not None:
             self._engaging.cancel()
             self._engaging = None
 
-    async def _ask(self) -> None:
-        """Ask the servo for the world that was wished for last; it answers within a tick or two, or refuses."""
-        while self._asked is not None:
-            (page, name, values), self._asked = self._asked, None
+    async def _request_world(self) -> None:
+        """Request the most recently selected world from the servo, which replies within a tick or two."""
+        while self._requested_world is not None:
+            (page, name, values), self._requested_world = self._requested_world, None
             try:
                 await asyncio.to_thread(self._servo.set_world, name, values)
             except HaptorbError as mistake:
-                page.tell("mistake", text=str(mistake))
-                page.tell("world", **self._world_event())
-            self._notice_world()
+                page.enqueue("mistake", text=str(mistake))
+                page.enqueue("world", **self._world_event())
+            self._publish_world()
 
-    def _notice_world(self) -> None:
-        """Tell everyone, and repaint, if the world or the model that is inverted is another one than before."""
+    def _publish_world(self) -> None:
+        """Notify all pages and request a force map if the world or the inverted model has changed."""
         name, values = self._servo.world
         hidden = self._designs is not None and self._designs.hidden
         now = (name, {key: to_json(value) for key, value in values.items()}, self._servo.model, hidden)
@@ -509,12 +511,12 @@ class ConsoleSocketHub:
             self._send_to_all("worlds", worlds=worlds(self._servo.device, own))
         self._send_to_all("world", **self._world_event())
         if self._painter is not None:
-            self._painter.want(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
+            self._painter.request(name, dict(values), now[2], self._version, self._send_map, self._report_map_failure)
 
     def _report_refused_poses(self) -> None:
-        """Inform every page when another sender feeds the tracker, or it jumps: nothing else would show it."""
+        """Notify all pages of poses refused because of another sender or a jump, which nothing else shows."""
         counted = self._servo.tracker_refusals
-        refused = {why: counted.get(why, 0) for why in _TELLING}
+        refused = {why: counted.get(why, 0) for why in _REPORTED_REFUSALS}
         news = [f"{refused[why] - n} poses {REASONS[why]}" for why, n in self._refused.items() if refused[why] > n]
         self._refused = refused
         if news:
@@ -525,25 +527,25 @@ class ConsoleSocketHub:
         return describe_world(self._servo, name, values, model, shown=not hidden)
 
     def _send_map(self) -> None:
-        self._trouble = ""
+        self._map_failure = ""
         for page in self._pages:
             page.soon.set()
 
     def _report_map_failure(self, why: str) -> None:
-        self._trouble = why
+        self._map_failure = why
         self._send_to_all("mistake", text=why)
 
     def _send_to_all(self, event: str, **what: Any) -> None:
         for page in self._pages:
-            page.tell(event, **what)
+            page.enqueue(event, **what)
 
-    def _tell_roles(self) -> None:
+    def _send_roles(self) -> None:
         for place, page in enumerate(self._pages):
-            page.tell("role", control=place == 0, watchers=len(self._pages) - 1)
+            page.enqueue("role", control=place == 0, watchers=len(self._pages) - 1)
 
     async def _send(self, page: ConsolePage) -> None:
-        """Frames to one page, sixty times a second; at once when they answer its pointer or tell of an event."""
-        sent = newest = self._recent.look()
+        """Send frames to one page at 60 Hz, and at once when there is an echo of its pointer or an event."""
+        sent = newest = self._recent.poll()
         if self._painter is not None:
             await page.send(mesh_frame(self._painter.directions, self._painter.triangles))
         due = time.monotonic()
@@ -552,7 +554,7 @@ class ConsoleSocketHub:
             if self._painter is not None and self._painter.version > page.force_version:
                 page.force_version = self._painter.version
                 await page.send(encode_force_frame(self._painter.force, self._painter.saturated, page.force_version))
-            end = self._recent.look()
+            end = self._recent.poll()
             echo = math.nan
             if end > newest and page is self._pages[0]:
                 new = self._recent.read_since(newest)
@@ -568,7 +570,7 @@ class ConsoleSocketHub:
             await self._pause(page, max(due - time.monotonic(), 0.0) if end == sent or due > now else 0.0)
 
     async def _pause(self, page: ConsolePage, rest: float) -> None:
-        """Wait until the next frame is due, or until there is something to say sooner."""
+        """Wait until the next frame is due or an event is queued."""
         if page is self._pages[0] and self._hand.waiting:
             await asyncio.sleep(min(rest, SOON))
             return

@@ -1,4 +1,4 @@
-"""The map painted on the dome: what the device would really give at every point, kept up with the world's sliders."""
+"""Force map on the dome: the achievable force at every point, recomputed when the world's parameters change."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["Flags", "ForceMapSource", "ForceMapWorker", "shell"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The dome as a mesh: rings of vertices around the zenith, evenly spread, so that colour can be painted per vertex.
+# Mesh of the dome: rings of vertices around the zenith, evenly spaced, for colours per vertex.
 
 
 @lru_cache(maxsize=4)
 def shell(rings: int = 45, reach: float = 90.0) -> tuple[Array, Array]:
-    """Unit vectors (n, 3) from the zenith down to `reach` [deg], and triangles (m, 3) seen from outside.
+    """Mesh of the dome: unit vectors (n, 3) from the zenith down to `reach` [deg], and triangles (m, 3).
 
-    Ring i holds 6 i vertices, as in a sunflower of hexagons: neighbours are about `reach`/`rings` degrees apart.
+    Ring i has 6 i vertices, so that neighbours are about `reach`/`rings` degrees apart. Triangles face outward.
 
     >>> directions, triangles = shell(2)
     >>> directions.shape, triangles.shape
@@ -41,7 +41,7 @@ def shell(rings: int = 45, reach: float = 90.0) -> tuple[Array, Array]:
         inner, outer = (1 + 3 * (i - 1) * (i - 2) if i > 1 else 0), 1 + 3 * i * (i - 1)
         for side in range(6):
             for k in range(i):
-                # The inner ring has one vertex less on each of the six sides.
+                # The inner ring has one vertex fewer on each of the six sides.
                 here, there = side * i + k, (side * i + k + 1) % (6 * i)
                 below = inner + (side * (i - 1) + k) % max(6 * (i - 1), 1)
                 triangles.append((below, outer + here, outer + there))
@@ -51,17 +51,17 @@ def shell(rings: int = 45, reach: float = 90.0) -> tuple[Array, Array]:
     return np.concatenate(directions), np.array(triangles)
 
 
-#: shape (n,)
+#: boolean array of shape (n,)
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
-#: (name and values of the world, model that is inverted, points (n, 3) [m]) → radial force (n,) [N] and whether the
-#: device is at its limit
+#: (name and values of the world, model inverted by the controller, points (n, 3) [m]) → radial force (n,) [N] and
+#: whether the device is at its limit
 ForceMapSource = Callable[[str, Mapping[str, Any], str, Array], tuple[Array, Flags]]
 
 
 @final
 class ForceMapWorker:
-    """Recomputes the map in a thread whenever the world changes; of several changes only the newest is painted."""
+    """Computes the force map of the current world in a thread; of several requests only the newest is computed."""
 
     def __init__(self, device: Device, force_map: ForceMapSource) -> None:
         if device.shell is None:
@@ -69,13 +69,13 @@ class ForceMapWorker:
         self.directions, self.triangles = shell()
         self._points = self.directions * device.shell.contact_distance
         self._force_map = force_map
-        self._wanted: tuple[str, Mapping[str, Any], str, int] | None = None
+        self._pending: tuple[str, Mapping[str, Any], str, int] | None = None
         self._task: asyncio.Task[None] | None = None
         self.force = np.zeros(len(self.directions))
         self.saturated: Flags = np.zeros(len(self.directions), dtype=np.bool_)
-        self.version = -1  #: which change of the world `force` belongs to; −1: not painted yet
+        self.version = -1  #: number of the request that `force` answers; −1: not computed yet
 
-    def want(
+    def request(
         self,
         name: str,
         values: Mapping[str, Any],
@@ -84,20 +84,20 @@ class ForceMapWorker:
         painted: Callable[[], None],
         failed: Callable[[str], None],
     ) -> None:
-        """Paint this world next, as a controller gives it that inverts `model`.
+        """Request the map of this world for a controller that inverts `model`; replaces a pending request.
 
-        `painted` or `failed` is called in the event loop when that is done.
+        `painted` or `failed` is called in the event loop when it is done.
         """
-        self._wanted = (name, values, model, version)
+        self._pending = (name, values, model, version)
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._paint(painted, failed))
 
     async def _paint(self, painted: Callable[[], None], failed: Callable[[str], None]) -> None:
-        while self._wanted is not None:
-            (name, values, model, version), self._wanted = self._wanted, None
+        while self._pending is not None:
+            (name, values, model, version), self._pending = self._pending, None
             try:
                 self.force, self.saturated = await asyncio.to_thread(self._force_map, name, values, model, self._points)
-            except Exception as mistake:  # any exception of a world's own code: the page shows it, the loop continues
+            except Exception as mistake:  # any exception in the code of a world: the page shows it, the loop continues
                 failed(f"the force map of '{name}' cannot be computed: {mistake}")
             else:
                 self.version = version

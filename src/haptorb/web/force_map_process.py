@@ -1,7 +1,7 @@
-"""The force map computed in a process of its own, with low priority.
+"""Force map computed in a separate process with low priority.
 
-Loading and running a world's compiled code holds a Python process up for as long as half a second. In the console's
-process that would starve the servo's heartbeat and the hand on the stylus.
+Loading and running the compiled code of a world blocks a Python process for up to half a second. In the console's
+process that would delay the servo's heartbeat and the pointer.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from haptorb.worlds.base import Sum, World
 
 __all__ = ["ForceMapProcess"]
 
-_END_TIMEOUT_S = 1.0  #: for the process to end by itself [s]
+_END_TIMEOUT_S = 1.0  #: for the process to end on request [s]
 
 
 @final
 class ForceMapProcess:
-    """Call it like a function: (name and values of a world, model, points (n, 3) [m]) → radial force (n,) [N] and
-    saturated (n,).
+    """Process that computes force maps; call it as a `ForceMapSource`.
 
-    Started by `start` or the first call, and again if it has ended; a call blocks until the reply is there.
+    (name and values of a world, model, points (n, 3) [m]) → radial force (n,) [N] and saturated (n,). The process is
+    started by `start` or the first call, and again if it has ended; a call blocks until the reply.
     """
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self._process: subprocess.Popen[bytes] | None = None
-        self._one_at_a_time = threading.Lock()
-        #: the user's worlds by name, which the process cannot import
+        self._call_lock = threading.Lock()
+        #: the user's worlds by name, which are sent to the process because it cannot import them
         self.own_worlds: Callable[[], Mapping[str, World]] = dict
         self.render: str | None = None  #: part of the wrench to render, overriding the world
 
     def __call__(self, name: str, values: Mapping[str, Any], model: str, points: Array) -> tuple[Array, Flags]:
-        with self._one_at_a_time:
+        with self._call_lock:
             process = self._ensure_process()
             assert process.stdin is not None
             assert process.stdout is not None
@@ -62,13 +62,13 @@ class ForceMapProcess:
             return force, saturated
 
     def start(self) -> None:
-        """Begin to load, so that the first call need not wait for it."""
-        with self._one_at_a_time:
+        """Start the process in advance, so that the first call does not wait for it to load."""
+        with self._call_lock:
             self._ensure_process()
 
     def close(self) -> None:
         """End the process, if there is one."""
-        # Not under the lock: a call that waits for an answer ends with the process.
+        # Without the lock: a call that waits for a reply ends with the process.
         self._end()
 
     def _ensure_process(self) -> subprocess.Popen[bytes]:
@@ -88,7 +88,7 @@ class ForceMapProcess:
         assert process.stdin is not None
         assert process.stdout is not None
         with suppress(OSError):
-            process.stdin.close()  # that is what it waits for
+            process.stdin.close()  # the process ends at end of file
         try:
             process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
@@ -98,41 +98,42 @@ class ForceMapProcess:
 
 
 def _pack(world: World) -> bytes:
-    # What a servo has loaded anyway: without one there is no own world, and nothing of it is needed.
+    # Imported here: a servo has loaded it anyway, and without a servo there is no world to pack.
     from haptorb.cluster import pack
 
     return pack(world)
 
 
-def _select_lasting(world: World) -> World:
-    """What of `world` has a map: a world with memory feels different at a place from one moment to the next."""
+def _select_memoryless(world: World) -> World:
+    """Parts of `world` without memory: the force of the others is not a function of the position."""
     parts = world.parts if isinstance(world, Sum) else (world,)
     return Sum(tuple(part for part in parts if not part.remembers))
 
 
 def main() -> None:
-    """Answer until the console closes the pipe: a device, then any number of (name, packed world or None, values,
-    model, points, part to render or None)."""
+    """Answer requests until the console closes the pipe.
+
+    Input: a device, then any number of (name, packed world or None, values, model, points, part to render or None)."""
     os.nice(10)
-    questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a world's output is not a reply
     from haptorb.cluster import unpack
     from haptorb.simulation.force_map import force_map
     from haptorb.worlds import find_world
 
-    # Nothing is compiled before the first question, which comes when the servo runs: at a first start the servo's
+    # Nothing is compiled before the first request, which comes when the servo runs: at a first start the servo's
     # processes need the processors.
-    device = pickle.load(questions)
+    device = pickle.load(requests)
     while True:
         try:
-            name, packed, values, model, points, render = pickle.load(questions)
+            name, packed, values, model, points, render = pickle.load(requests)
         except EOFError:
             return
         answer: object
         try:
             world = find_world(name)(**values) if packed is None else unpack(packed).replace(**values)
-            answer = force_map(device, _select_lasting(world), points, model=model, render=render)
-        except Exception as mistake:  # any exception of a world's own code is the reply
+            answer = force_map(device, _select_memoryless(world), points, model=model, render=render)
+        except Exception as mistake:  # any exception in the code of a world is sent as the reply
             answer = f"{type(mistake).__name__}: {mistake}"
         try:
             pickle.dump(answer, answers)

@@ -1,4 +1,4 @@
-"""The overview of a recording as the page gets it: at once for a short one, for a long one as far as it is."""
+"""Overview of a recording for the page: immediate for a short recording, incremental for a long one."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = ["BINS", "CHANNELS", "Overview", "OverviewBins"]
 
 
 # --------------------------------------------------------------------------------------------------
-# A recording of any length at a glance: least and greatest of each interval, and where something happened.
+# Overview of a recording of any length: minimum and maximum per interval, and events.
 
 
 BINS = 1200  #: intervals: about one for each pixel of a wide screen
-_TRIPPED = 4  #: state of the guard
-_MAX_EVENTS = 400  #: events of a kind that are kept
+_GUARD_TRIPPED = 4  #: code of the guard's state
+_MAX_EVENTS = 400  #: stored events of each kind
 
-#: name, unit, field, numbers of it; of three numbers the length counts, else each one
+#: name, unit, field, elements of it; of a vector of three the norm, else each element
 CHANNELS = (
     ("force given", "N", "given", slice(0, 3)),
     ("force asked", "N", "asked", slice(0, 3)),
@@ -39,22 +39,22 @@ CHANNELS = (
     ("currents", "A", "currents", slice(None)),
     ("temperature", "K", "winding", slice(None)),
 )
-_EVENTS = ("world", "guard", "trip", "tick")
+_EVENT_FIELDS = ("world", "guard", "trip", "tick")
 
 
 @final
 class OverviewBins:
-    """Takes rows in order, as many at a time as there are.
+    """Accumulator of ranges and events over rows, which are added in order.
 
-    ranges  (channels, 2, bins) least and greatest in the channel's unit; NaN where there are no rows
+    ranges  (channels, 2, bins) minimum and maximum in the channel's unit; NaN where there are no rows
     events  ("trip", "world" or "gap", time on the loop's clock [s], code of the trip, number of the world's change, or
-            how many rows are missing), in order, at most 400 of each
+            count of missing rows), in order, at most 400 of each kind
     """
 
     def __init__(self, recording: Recording, start: float, end: float) -> None:
         """`start` and `end`: first and last time of the recording [s]."""
         known = {field.name for field in recording.fields}
-        wanted = ["t", *(name for *_, name, _ in CHANNELS), *_EVENTS]
+        wanted = ["t", *(name for *_, name, _ in CHANNELS), *_EVENT_FIELDS]
         self._recording = recording
         self._fields = [name for name in dict.fromkeys(wanted) if name in known]
         self._widths = {field.name: field.width for field in recording.fields}
@@ -65,7 +65,7 @@ class OverviewBins:
         self._last: dict[str, float] = {}
 
     def add(self, first: int, last: int, *, events: bool = True) -> None:
-        """Take in rows `first` up to `last`; without `events` only their ranges."""
+        """Add rows `first` up to `last`; without `events` only their ranges."""
         rows = self._recording.read(first, last, self._fields)
         parts, at = {}, 0
         for name in self._fields:
@@ -80,7 +80,7 @@ class OverviewBins:
                 if name in parts:
                     self._add_range(number, parts[name][:, numbers], bins, usable)
         if events:
-            self._note_events({name: parts[name][:, 0] for name in _EVENTS if name in parts}, t)
+            self._find_events({name: parts[name][:, 0] for name in _EVENT_FIELDS if name in parts}, t)
 
     def _add_range(self, channel: int, values: Array, bins: Any, usable: Any) -> None:
         if values.shape[1] == 0:
@@ -94,39 +94,39 @@ class OverviewBins:
         np.fmin.at(self.ranges[channel, 0], bins[known], least[known])
         np.fmax.at(self.ranges[channel, 1], bins[known], most[known])
 
-    def _note_events(self, numbers: dict[str, Array], t: Array) -> None:
-        """Where the guard tripped, the world changed, or rows are missing."""
+    def _find_events(self, numbers: dict[str, Array], t: Array) -> None:
+        """Add events where the guard tripped, the world changed, or rows are missing."""
         before = {
             name: np.concatenate(([self._last.get(name, np.nan)], column[:-1])) for name, column in numbers.items()
         }
         if "guard" in numbers:
-            off = (numbers["guard"] == _TRIPPED) & (before["guard"] != _TRIPPED)
+            off = (numbers["guard"] == _GUARD_TRIPPED) & (before["guard"] != _GUARD_TRIPPED)
             for row in np.flatnonzero(off)[:_MAX_EVENTS]:
-                self._note("trip", t[row], numbers["trip"][row] if "trip" in numbers else 0.0)
+                self._add_event("trip", t[row], numbers["trip"][row] if "trip" in numbers else 0.0)
         if "world" in numbers:
             changed = np.isfinite(before["world"]) & (numbers["world"] != before["world"])
             for row in np.flatnonzero(changed)[:_MAX_EVENTS]:
-                self._note("world", t[row], numbers["world"][row])
+                self._add_event("world", t[row], numbers["world"][row])
         if "tick" in numbers:
             with np.errstate(invalid="ignore", over="ignore"):
                 steps = numbers["tick"] - before["tick"]
             for row in np.flatnonzero(steps > 1.5)[:_MAX_EVENTS]:
-                self._note("gap", t[row], steps[row] - 1.0)
+                self._add_event("gap", t[row], steps[row] - 1.0)
         self._last = {name: float(column[-1]) for name, column in numbers.items()} if len(t) else self._last
 
-    def _note(self, kind: str, t: float, code: float) -> None:
+    def _add_event(self, kind: str, t: float, code: float) -> None:
         if self._counts[kind] < _MAX_EVENTS and np.isfinite(t) and np.isfinite(code):
             self._counts[kind] += 1
             self.events.append((kind, float(t), float(code)))
 
 
 _END_TIMEOUT_S = 1.0  #: for the process to end [s]
-_OFTEN = 0.1  #: between two wishes that it rest [s]
+_PAUSE_INTERVAL_S = 0.1  #: between two requests to pause [s]
 
 
 @final
 class Overview:
-    """Made by `start`; `close` ends the process of a long recording, if it still runs.
+    """Overview of a recording, computed after `start`, for a long recording in a process that `close` ends.
 
     start, end: first and last time of the recording on the loop's clock [s]
     """
@@ -139,10 +139,10 @@ class Overview:
         self._events: list[tuple[str, float, float]] = []
         self._process: subprocess.Popen[bytes] | None = None
         self._started = False
-        self._asked = -math.inf  # when it was to give way
+        self._pause_time = -math.inf  # time of the last request to pause [s]
 
     def start(self) -> None:
-        """Start, unless it has started."""
+        """Start the computation, unless it has started; a short recording is computed before it returns."""
         if self._started:
             return
         self._started = True
@@ -172,12 +172,17 @@ class Overview:
         if self._done < self._rows and not self._trouble:
             self._trouble = "the process that computes the overview ended"
 
-    def give_way(self) -> None:
-        """Pause a process at work for a moment: scrubbing needs the processors more."""
+    def pause(self) -> None:
+        """Pause the process for a moment, to leave processor time to scrubbing."""
         process, now = self._process, time.monotonic()
-        if process is None or process.stdin is None or self._done >= self._rows or now < self._asked + _OFTEN:
+        if (
+            process is None
+            or process.stdin is None
+            or self._done >= self._rows
+            or now < self._pause_time + _PAUSE_INTERVAL_S
+        ):
             return
-        self._asked = now
+        self._pause_time = now
         with suppress(OSError, ValueError):
             os.write(process.stdin.fileno(), b".")
 
@@ -197,8 +202,8 @@ class Overview:
             process.wait()
 
     def encode(self) -> bytes:
-        """The length of a JSON text (uint32, little-endian), that text padded to four bytes, and (channels, 2, bins)
-        float32: least and greatest in the unit of each channel.
+        """Encode the overview: length of a JSON text (uint32, little-endian), that text padded to four bytes, and
+        (channels, 2, bins) float32, minimum and maximum in the unit of each channel.
 
         The text: rows `done` of `rows`, `trouble`, `bins`, names and units of `channels`, `events` with their time
         after the first tick [s].

@@ -1,4 +1,4 @@
-"""One port on this computer only, and a server on it that leaves signals to the program."""
+"""HTTP and WebSocket server of the pages: connection limits, socket, priority, signals, and message parsing."""
 
 from __future__ import annotations
 
@@ -57,33 +57,33 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Connections that cannot wear the server out: few before they are pages, none for long, and none that only fills up.
+# Connection limits (protection against denial of service).
 #
-# Every program of this computer can connect, from any account. The cost is bounded here: how many connections may
-# make requests at once, for how long, and how much is read from one before the others have their turn. What is
-# sent, at worst that connection ends.
+# Every program of this computer can connect, from any account. The cost is bounded here: how many connections may make
+# requests at the same time, for how long, and how much is read from one before the others have their turn. Whatever a
+# client sends, at worst its own connection ends.
 
 
-#: connections that ask for something, and as many that become a page or are being closed; a browser needs six. A newer
-#: one takes the place of the oldest
+#: connections with HTTP requests, and as many WebSockets that are opening or closing; a browser needs six. A new one
+#: replaces the oldest
 MOST = 32
-LIFE = 5.0  #: of such a connection [s]
-_PIECE = 16384  #: read from one connection before the others have their turn [bytes]
-_END = 1.0  #: for the other side to take the last words [s]
+LIFE = 5.0  #: maximum lifetime of such a connection [s]
+_READ_BYTES = 16384  #: read from one connection before the others have their turn [bytes]
+_CLOSE_TIMEOUT_S = 1.0  #: for the client to complete the close [s]
 
 
 @final
 class Request(H11Protocol):
-    """A connection that asks for files, or to become a page's `Socket`; `waiting`: all of one server, oldest first."""
+    """HTTP connection, before a possible upgrade to `Socket`; `waiting`: all of one server, oldest first."""
 
     def __init__(self, *args: Any, waiting: list[asyncio.Transport], **more: Any) -> None:
         super().__init__(*args, **more)
         self._waiting = waiting
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Make room for it, and limit its life."""
+        """Abort the oldest connection if there are too many, and limit the lifetime of the new one."""
         super().connection_made(transport)
-        _read_in_pieces(transport)
+        _limit_read_size(transport)
         self._waiting[:] = [one for one in self._waiting if isinstance(one.get_protocol(), Request)]
         while len(self._waiting) >= MOST:  # safety: few-connections
             self._waiting.pop(0).abort()
@@ -91,12 +91,12 @@ class Request(H11Protocol):
         self.loop.call_later(LIFE, self._end_request, transport)
 
     def _end_request(self, transport: asyncio.Transport) -> None:
-        if transport.get_protocol() is self:  # and has not become a page
+        if transport.get_protocol() is self:  # it has not been upgraded to a WebSocket
             transport.close()
-            self.loop.call_later(_END, transport.abort)
+            self.loop.call_later(_CLOSE_TIMEOUT_S, transport.abort)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give its place back."""
+        """Remove the connection from the list."""
         if self.transport in self._waiting:
             self._waiting.remove(self.transport)
         super().connection_lost(exc)
@@ -111,37 +111,37 @@ class Request(H11Protocol):
 
 @final
 class Socket(WebSocketsSansIOProtocol):
-    """A page's connection."""
+    """WebSocket connection of a page, aborted if handshake or close take too long."""
 
     _since = 0.0  # by the loop's clock
 
     @property
     def passes(self) -> bool:
-        """Whether it is no page yet, or none any more."""
+        """Whether it is opening or closing."""
         return self.close_sent or not self.handshake_complete or self.transport.is_closing()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Look from time to time whether it is to end and cannot."""
+        """Abort the oldest opening or closing connections above the limit, and start the timeouts of the new one."""
         super().connection_made(transport)
         self._since = self.loop.time()
         passing = [one for one in self.connections if isinstance(one, Socket) and one is not self and one.passes]
         for one in sorted(passing, key=lambda one: one._since)[: max(0, len(passing) - MOST + 1)]:
             one.transport.abort()
-        _read_in_pieces(cast("asyncio.Transport", transport))
-        self.loop.call_later(_END, self._abort_if_closing, False)
+        _limit_read_size(cast("asyncio.Transport", transport))
+        self.loop.call_later(_CLOSE_TIMEOUT_S, self._abort_if_closing, False)
         self.loop.call_later(LIFE, self._abort_handshake)
 
     def _abort_handshake(self) -> None:
-        """A handshake that failed."""
+        """Abort the connection if its handshake has not completed in time."""
         if not self.handshake_complete:
             self.transport.abort()
 
     def _abort_if_closing(self, closing: bool) -> None:
-        """A page that never reads also keeps what is to be said last: two looks later it is cut off."""
+        """Abort a connection that is still closing at the second check: its client does not read."""
         if closing:
             self.transport.abort()
         elif not self.disconnected:
-            self.loop.call_later(_END, self._abort_if_closing, self.transport.is_closing())
+            self.loop.call_later(_CLOSE_TIMEOUT_S, self._abort_if_closing, self.transport.is_closing())
 
     def data_received(self, data: bytes) -> None:
         """What cannot even be refused ends the connection."""
@@ -152,49 +152,49 @@ class Socket(WebSocketsSansIOProtocol):
 
 
 class OwnErrorFilter(logging.Filter):
-    """Keeps a log to this program's own mistakes: what others send is answered, and is no news."""
+    """Log filter that passes only errors of this program, not those caused by invalid input of clients."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether to log `record`."""
+        """Whether to log `record`: an error that is not caused by input."""
         mistake = record.exc_info[1] if record.exc_info else None
         return record.levelno >= logging.ERROR and not isinstance(mistake, UnicodeDecodeError)
 
 
-def _read_in_pieces(transport: asyncio.Transport) -> None:
-    transport.max_size = _PIECE  # type: ignore[attr-defined]  # of asyncio's own transports; elsewhere it says nothing
+def _limit_read_size(transport: asyncio.Transport) -> None:
+    transport.max_size = _READ_BYTES  # type: ignore[attr-defined]  # of asyncio's own transports; ignored by others
 
 
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread, and of its session
 _AUTOGROUP = Path("/proc/self/autogroup")
 _LINUX = sys.platform.startswith("linux")
-_AT_ONCE = 4  #: connections that are taken at once: a page's pose has its turn in between
-_QUEUE = 128  #: connections that may wait to be taken
-_UNREAD = 262144  #: bytes that the system keeps for a page that is slow
+_MAX_ACCEPTS = 4  #: connections accepted at once, so that a page's pose is not delayed
+_MAX_PENDING_CONNECTIONS = 128  #: backlog of connections that are not accepted yet
+_SEND_BUFFER_BYTES = 262144  #: the kernel's buffer for a slow page [bytes]
 
 
 class Server(uvicorn.Server):
-    """uvicorn, without its own idea of what a signal means: ending a servo is the program's business."""
+    """uvicorn server that leaves signals to the program, which must end the servo first."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
-        """Leave every signal to its present handler."""
+        """Keep the present signal handlers."""
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to take connections; more may wait for it than are taken at once."""
+        """Start to accept connections, with a longer backlog than the number accepted at once."""
         await super().startup(sockets)
         for one in sockets or ():
-            one.listen(_QUEUE)
+            one.listen(_MAX_PENDING_CONNECTIONS)
 
 
 def server(app: Any) -> Server:
-    """`app` (ASGI) as it is served here, its modules loaded: later a servo may count on this process."""
+    """Configure a server for `app` (ASGI) and load its modules now: later a servo may depend on this process."""
     config = uvicorn.Config(
         app,
         log_level="warning",
         access_log=False,
-        backlog=_AT_ONCE,
+        backlog=_MAX_ACCEPTS,
         http=cast("type[Request]", partial(Request, waiting=[])),
         ws=Socket,
         ws_max_size=65536,
@@ -212,7 +212,7 @@ def server(app: Any) -> Server:
 def run_beside(
     work: Callable[[], Coroutine[Any, Any, None]],
 ) -> Callable[[Any], contextlib.AbstractAsyncContextManager[None]]:
-    """The lifespan of an ASGI application that runs `work()` until it ends."""
+    """Make the lifespan of an ASGI application that runs `work()` until the application ends."""
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Any) -> AsyncIterator[None]:
@@ -229,10 +229,10 @@ def run_beside(
 
 @dataclass(frozen=True)
 class PageAddress:
-    """Where a page listens, and how browsers reach it.
+    """Listening address of a page, and its public address.
 
-    host     address of this computer; other than 127.0.0.1: other computers reach the page, too
-    address  of the page behind a proxy, such as https://lab.example/haptorb/; empty: the host's own
+    host     address of this computer; other than loopback: other computers reach the page, too
+    address  public address behind a proxy, such as https://lab.example/haptorb/; empty: that of the host
     """
 
     host: str = HOST
@@ -249,7 +249,7 @@ class PageAddress:
 
     @property
     def exposed(self) -> bool:
-        """Whether more than the programs of this computer reach the page."""
+        """Whether other computers can reach the page."""
         return bool(self.address) or self.host not in LOCAL
 
     @property
@@ -258,7 +258,7 @@ class PageAddress:
         return "/".join(self.address.split("/")[:3]).lower()
 
     def url(self, port: int, path: str = "") -> str:
-        """What is opened in a browser."""
+        """Address to open in a browser."""
         if self.address:
             return f"{self.address.rstrip('/')}/{path}"
         host = find_own_address() if self.host in ANYWHERE else self.host
@@ -266,7 +266,7 @@ class PageAddress:
 
     @property
     def warning(self) -> str:
-        """What should be said before it is used; empty for this computer alone."""
+        """Security warning for the user; empty if only this computer reaches the page."""
         if not self.exposed:
             return ""
         secret = "" if self.address.startswith("https:") else " The connection is not encrypted."
@@ -276,21 +276,20 @@ class PageAddress:
         )
 
 
-LOCAL = ("127.0.0.1", "localhost", "::1")  #: only programs of this computer
-ANYWHERE = ("0.0.0.0", "::")  #: all addresses of this computer
+LOCAL = ("127.0.0.1", "localhost", "::1")  #: hosts reachable only from this computer
+ANYWHERE = ("0.0.0.0", "::")  #: hosts for all addresses of this computer
 
 
 def find_own_address() -> str:
-    """The address at which other computers reach this one; this computer's own where it has no network. Nothing is
-    sent."""
+    """Address at which other computers reach this one; 127.0.0.1 without a network. Sends nothing."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        asked.connect(("192.0.2.1", 9))  # an address for documentation: only the route is looked up
+        asked.connect(("192.0.2.1", 9))  # address reserved for documentation: only the route is looked up
         return str(asked.getsockname()[0])
     return HOST
 
 
 def bind_socket(port: int, host: str = HOST) -> socket.socket:
-    """A listening socket on `host`, this computer's own address, or InputError that says who to ask."""
+    """Open a listening socket on `host`, an address of this computer. Raises InputError with reason and remedy."""
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
         raise InputError(f"port must be a whole number from 0 to 65535; got {port!r}")
     try:
@@ -300,9 +299,9 @@ def bind_socket(port: int, host: str = HOST) -> socket.socket:
     listening = socket.socket(family, kind, protocol)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         listening.bind(place)
-        listening.listen(_QUEUE)
+        listening.listen(_MAX_PENDING_CONNECTIONS)
     except OSError as cause:
         listening.close()
         if cause.errno == errno.EADDRINUSE:
@@ -319,15 +318,16 @@ def bind_socket(port: int, host: str = HOST) -> socket.socket:
 
 @contextlib.contextmanager
 def prioritize() -> Generator[None, None, None]:
-    """This thread keeps a hand's pose fresh: it goes before ordinary programs, where that is permitted (on Linux).
+    """Raise the priority of this thread, which refreshes the hand's pose, above ordinary programs if permitted (Linux).
 
-    So does its session: Linux shares processors among sessions first, whatever the niceness of a thread within one.
+    The priority of its session is raised, too: Linux first divides processor time among sessions, whatever the niceness
+    of the threads in them.
 
-    Nor is it held up by a search for garbage in what exists now, which takes as long as a pose is valid; what is made
-    from now on is still collected.
+    Existing objects are excluded from garbage collection, which takes as long as a pose is valid; new objects are still
+    collected.
     """
-    frozen = gc.get_freeze_count() > 0  # by other code, which will undo it
-    if not frozen:  # else a servo may run already, and the search could silence its host
+    frozen = gc.get_freeze_count() > 0  # by other code, which will unfreeze
+    if not frozen:  # else a servo may run already, and the collection could delay the heartbeat of its host
         gc.collect()
     gc.freeze()
     before = os.getpriority(os.PRIO_PROCESS, 0) if _LINUX else 0  # 0: the calling thread
@@ -348,8 +348,9 @@ def prioritize() -> Generator[None, None, None]:
 
 
 def _set_session_niceness(niceness: int) -> int | None:
-    """Set that of this session's autogroup (sched(7)); the one before, None where it cannot be set or is that already:
-    then another program of the session has set it, and puts it back."""
+    """Set the niceness of this session's autogroup (sched(7)); returns the previous one.
+
+    None if it cannot be set, or is already set: then another program of the session has set it, and restores it."""
     with contextlib.suppress(OSError, ValueError):
         before = int(_AUTOGROUP.read_text().rpartition("nice")[2])
         if before != niceness:
@@ -360,7 +361,7 @@ def _set_session_niceness(niceness: int) -> int | None:
 
 @contextlib.contextmanager
 def freeze_garbage() -> Generator[None, None, None]:
-    """Search for garbage now, and no more in what exists now: once a servo runs, a search could silence its host."""
+    """Collect garbage now and exclude existing objects later, when a collection could delay a servo's heartbeat."""
     gc.collect()
     gc.freeze()
     try:
@@ -371,7 +372,7 @@ def freeze_garbage() -> Generator[None, None, None]:
 
 @contextlib.contextmanager
 def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
-    """SIGINT, SIGTERM and SIGHUP call `handle`, in the main thread; elsewhere nothing changes."""
+    """Handle SIGINT, SIGTERM and SIGHUP with `handle` in the main thread; no effect in others."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -380,7 +381,8 @@ def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
         handle(number)
 
     ends = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
-    caught = [number for number in ends if signal.getsignal(number) is not signal.SIG_IGN]  # nohup stays nohup
+    # Ignored signals stay ignored, as with nohup.
+    caught = [number for number in ends if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, handler) for number in caught}
     try:
         yield
@@ -390,18 +392,17 @@ def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Opening a browser at an address with a token, without telling the token to the other accounts of this computer.
+# Opening a browser at an address with a token, without revealing the token to other accounts of this computer.
 
 
-_LOADED = 30.0  #: a browser that starts has read the file by then [s]
+_BROWSER_START_S = 30.0  #: time for a starting browser to read the file [s]
 
 
 def open_browser_at(url: str) -> None:
-    """Open the browser at `url`; blocks for half a minute, for a thread that may be left.
+    """Open the browser at `url`; blocks for 30 s, so call it in a daemon thread.
 
-    A program's arguments can be read by everybody (`ps`), so the browser is given a file that leads to the address and
-    that only this account may read. A sandboxed browser that cannot read it shows an error; then use the printed
-    address.
+    All accounts can read the arguments of a program (`ps`), so the browser opens a file, readable only by this account,
+    that redirects to the address. A sandboxed browser that cannot read it shows an error; then use the printed address.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, 0)  # the browser is an ordinary program
@@ -414,39 +415,39 @@ def open_browser_at(url: str) -> None:
             encoding="utf-8",
         )
         webbrowser.open(path.as_uri())
-        sleep(_LOADED)
+        sleep(_BROWSER_START_S)
 
 
 # --------------------------------------------------------------------------------------------------
-# What a page asks for: one JSON object per text message, read strictly, and the Stop in it before anything else.
+# Parsing of a page's commands: one JSON object per text message, with a separate check for a Stop.
 #
-# Every message becomes a command, or an InputError that can be sent back: no number is too long
-# to be handled, nothing is nested deeper than a command is, every text can be written into a file.
+# Every message becomes a command, or an InputError that can be sent back. The length of numbers and the nesting depth
+# are limited, and every text can be encoded as UTF-8.
 
 
 _MAX_MESSAGE_CHARACTERS = 65536  #: of a message [characters]; the server's own limit is the same in bytes
-_DIGITS = 18  #: of a whole number: what fits into 64 bits
-_DEPTH = 6  #: of lists and objects in each other; a world's values need three
-_NAME = 64  #: of a command [characters]
+_MAX_DIGITS = 18  #: of an integer, which then fits into 64 bits
+_MAX_DEPTH = 6  #: of nested lists and objects; values of a world need three
+_MAX_NAME_CHARACTERS = 64  #: of a command [characters]
 
-_STOP = re.compile(r'"do"\s*:\s*"stop"')
+_STOP_PATTERN = re.compile(r'"do"\s*:\s*"stop"')
 
 
 def is_stop_request(text: str) -> bool:
-    """Whether a text message is a Stop, however malformed the rest.
+    """Whether a text message is a Stop, even if the rest is malformed.
 
-    To be asked before `command`: a Stop is obeyed even when the message cannot be read as JSON.
+    Call it before `command`: a Stop is executed even if the message is not valid JSON.
 
     >>> [is_stop_request(text) for text in ('{"do": "stop"}', '{"do":"stop", "why": 1e999', '{"do": "engage"}')]
     [True, True, False]
     """
-    return _STOP.search(text) is not None
+    return _STOP_PATTERN.search(text) is not None
 
 
 def command(text: str) -> dict[str, Any]:
-    """The command in a text message, or InputError; its `do` is a text.
+    """Parse the command in a text message, with its name in `do`. Raises InputError.
 
-    Numbers are finite, whole ones have at most 18 digits.
+    Numbers must be finite, integers have at most 18 digits.
 
     >>> command('{"do": "stop"}')
     {'do': 'stop'}
@@ -454,39 +455,41 @@ def command(text: str) -> dict[str, Any]:
     if len(text) > _MAX_MESSAGE_CHARACTERS:
         raise InputError(f"a command must have at most {_MAX_MESSAGE_CHARACTERS} characters; got {len(text)}")
     try:
-        found = json.loads(text, parse_int=_parse_whole, parse_float=_parse_real, parse_constant=_constant)
+        found = json.loads(text, parse_int=_parse_integer, parse_float=_parse_float, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as mistake:  # safety: web-message
         raise InputError(f"a command must be JSON: {mistake}") from mistake
     if not isinstance(found, dict):
         raise InputError("a command must be a JSON object")
-    _check(found)
+    _check_content(found)
     do = found.get("do")
-    if not isinstance(do, str) or len(do) > _NAME:
-        raise InputError(f'a command must state its action: {{"do": NAME}} with a name of at most {_NAME} characters')
+    if not isinstance(do, str) or len(do) > _MAX_NAME_CHARACTERS:
+        raise InputError(
+            f'a command must state its action: {{"do": NAME}} with a name of at most {_MAX_NAME_CHARACTERS} characters'
+        )
     return found
 
 
-def _parse_whole(digits: str) -> int:
-    if len(digits) > _DIGITS + digits.startswith("-"):
-        raise InputError(f"a whole number in a command must have at most {_DIGITS} digits; got {len(digits)}")
+def _parse_integer(digits: str) -> int:
+    if len(digits) > _MAX_DIGITS + digits.startswith("-"):
+        raise InputError(f"a whole number in a command must have at most {_MAX_DIGITS} digits; got {len(digits)}")
     return int(digits)
 
 
-def _parse_real(digits: str) -> float:
+def _parse_float(digits: str) -> float:
     number = float(digits)
     if number in (float("inf"), float("-inf")):
         raise InputError("a number in a command must be finite; one is too large")
     return number
 
 
-def _constant(name: str) -> Never:
+def _refuse_constant(name: str) -> Never:
     raise InputError(f"a number in a command must be finite; got {name}")
 
 
-def _check(found: dict[str, Any]) -> None:
-    """Refuse what is nested too deep, and texts that are none: half of a surrogate pair cannot be stored or sent."""
+def _check_content(found: dict[str, Any]) -> None:
+    """Check nesting depth and texts: a lone surrogate cannot be stored or sent. Raises InputError."""
     level: list[Any] = [found]
-    for _ in range(_DEPTH):
+    for _ in range(_MAX_DEPTH):
         below: list[Any] = []
         for one in level:
             if isinstance(one, dict):
@@ -498,7 +501,7 @@ def _check(found: dict[str, Any]) -> None:
                 raise InputError("a text in a command must be Unicode; one has half of a surrogate pair")
         level = below
     if level:
-        raise InputError(f"a command must not be nested deeper than {_DEPTH} levels")
+        raise InputError(f"a command must not be nested deeper than {_MAX_DEPTH} levels")
 
 
 def _is_storable(text: str) -> bool:
@@ -510,10 +513,10 @@ def _is_storable(text: str) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# The files of built pages, in memory: they are small, and nothing waits for a disk while a hand is on the device.
+# Files of the built pages, kept in memory: they are small, and disk access could delay the hand's pose.
 
 
-_KINDS = {
+_MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -523,12 +526,16 @@ _KINDS = {
 
 
 def page_files(folder: Path) -> dict[str, tuple[bytes, str]]:
-    """Name → (content, media type) of every file in `folder` that a page may ask for; empty if nothing was built."""
-    return {path.name: (path.read_bytes(), _KINDS[path.suffix]) for path in folder.glob("*") if path.suffix in _KINDS}
+    """Read all files of pages in `folder`: name → (content, media type); empty if nothing was built."""
+    return {
+        path.name: (path.read_bytes(), _MEDIA_TYPES[path.suffix])
+        for path in folder.glob("*")
+        if path.suffix in _MEDIA_TYPES
+    }
 
 
 def respond(files: dict[str, tuple[bytes, str]], name: str) -> Response:
-    """The file `name`, or that there is none."""
+    """Respond with the file `name`, or 404."""
     if name not in files:
         return Response("there is no such file\n", status_code=404, media_type="text/plain")
     content, kind = files[name]

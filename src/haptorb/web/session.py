@@ -1,4 +1,4 @@
-"""What the page must know before the first frame: device, worlds and their sliders, limits, words for codes."""
+"""Session description for the page: device, scene, worlds with parameters, limits and code texts; and the pointer."""
 
 from __future__ import annotations
 
@@ -57,17 +57,17 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What the page draws of a device and of worlds with memory, in metres and radians.
+# Scene descriptions of devices and of bodies of worlds, in metres and radians.
 #
-# There is one description for each scene that `web/src/scene` knows.
+# There is one description for each scene in `web/src/scene`.
 
 
 @device_function
 @singledispatch
 def describe_scene(device: Device) -> dict[str, Any]:
-    """How the page draws `device`, by its kind; by default axes, a marker for the mover, and the device's geometry.
+    """Describe the scene of `device`, by its kind; by default axes, a marker for the mover, and the device's geometry.
 
-    `kind` is one of the scenes that `web/src/scene` has; `gives` is "torque" where the device renders torque.
+    `kind` is one of the scenes in `web/src/scene`; `gives` is "torque" where the device renders torque.
     """
     geometry = device.geometry()
     return {
@@ -140,7 +140,7 @@ def _(device: SphericalMotor) -> dict[str, Any]:
 
 
 def describe_parts(geometry: Geometry) -> dict[str, Any]:
-    """Round parts, field sensors and marks where they are, and what the device file does not state of them."""
+    """Describe round parts, field sensors and marks with their positions, and notes on what the device file omits."""
     return {
         "parts": [_describe_part(part) for part in geometry.round_parts],
         "sensors": [spot.position.tolist() for spot in geometry.select_spots("sensor")],
@@ -166,9 +166,9 @@ def _describe_part(part: RoundPart) -> dict[str, Any]:
 
 
 def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World], device: Device) -> list[dict[str, Any]]:
-    """Bodies of the world `name` with `values` on `device`, of the catalogue or of the `own` ones; none of any other.
+    """List the bodies of the world `name` with `values` on `device`, of the catalogue or of `own`; empty for any other.
 
-    size [m] as `worlds.shape.SHAPES` says; place and attitude are indices in the row's memory.
+    size [m] as in `worlds.shape.SHAPES`; place and attitude are indices in the row's memory.
     """
     try:
         world = own[name] if name in own else find_world(name)()
@@ -191,46 +191,46 @@ def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World], 
             }
             for shape in changed.shapes
         ]
-    except Exception:  # a world that this process does not know by name, or the user's code: only its picture is lost
+    except Exception:  # a world unknown to this process, or an error in the user's code: only its drawing is lost
         return []
 
 
 # --------------------------------------------------------------------------------------------------
-# What a motor moves, for those who draw it: plug, socket, and how its hooks bend, as the world computes them.
+# Scene of the object that a motor moves: plug, socket, and the bending of hooks, as computed by the world.
 #
 # All lengths in metres in the target's frame: X' out of the socket, Y' from one hook to the other.
 
 
-_PLACES = 7  #: along a wedge, where the deflection of a hook is sent; between them it is interpolated
-_STEM = 0.8  #: of the gap between the wedges that the part of a snap-fit fills behind its edges: for the eye
-_HEAD = 1.5e-3  #: thickness of that part's edge: for the eye [m]
+_BEND_POINTS = 7  #: contact points along a wedge for which the deflection of a hook is sent; the page interpolates
+_STEM_GAP_FRACTION = 0.8  #: of the gap between the wedges, filled by the stem of a snap-fit part; drawing only
+_EDGE_THICKNESS_M = 1.5e-3  #: of the edge of that part; drawing only [m]
 
 
 def prepare() -> None:
-    """Load, in a thread, what the first scenes need: it takes a second, and later a hand would wait for it."""
+    """Precompute the first scenes in a thread: it takes a second, which would later delay the hand's pose."""
     Thread(target=lambda: [target_scene(name, {}) for name in ("outlet", "snap_fit")], daemon=True).start()
 
 
 def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Geometry of the world `name` with `values`; None where there is nothing to draw but the target itself.
+    """Geometry of the world `name` with `values`; None if there is nothing to draw but the target itself.
 
-    hooks     how many, the first at +Y'
-    root      X' of their roots; they reach towards +X'
-    back      |Y'| of the side of a hook that looks away from the plug
+    hooks     number of hooks, the first at +Y'
+    root      X' of their roots; they extend towards +X'
+    back      |Y'| of the side of a hook that faces away from the plug
     width     of a hook, along Z'
-    along     (k,) places on a hook from its root
-    section   (k,) its thickness there
-    at        (n,) places where it may be touched
-    bends     (n, k) how far each place is bent per deflection at the touched place, outward positive
+    along     (k,) positions along a hook from its root
+    section   (k,) thickness there
+    at        (n,) possible contact positions
+    bends     (n, k) deflection at each position per deflection at the contact, outward positive
     outline   (j, 2) plug: X from its reference point, and half its width there
     floor     X' of the socket's floor
-    force     a force of the order of those that come [N]
+    force     typical force [N]
     """
     return _target_scene(name, _to_key(values))
 
 
 def world_remarks(name: str, values: Mapping[str, Any]) -> list[str]:
-    """What should be said about the world `name` with `values`: strain and stress of its hooks; else nothing."""
+    """Remarks for the user on the world `name` with `values`, such as strain and stress of its hooks."""
     return _remarks(name, _to_key(values))
 
 
@@ -242,20 +242,20 @@ def _to_key(values: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
 def _remarks(name: str, values: tuple[tuple[str, float], ...]) -> list[str]:
     try:
         return list(find_world(name)().replace(**dict(values)).remarks)
-    except HaptorbError:  # a world of the user's own that this process does not know by name
+    except HaptorbError:  # a user's world, unknown to this process
         return []
 
 
-@lru_cache(maxsize=128)  # as many designs as a feel session has
+@lru_cache(maxsize=128)  # the maximum number of designs in a feel session
 def _target_scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
     try:
         world = find_world(name)().replace(**dict(values))
-    except HaptorbError:  # a world of the user's own that this process does not know by name
+    except HaptorbError:  # a user's world, unknown to this process
         return None
     match world:
         case Outlet():
             hook, half = world.hook, 0.5 * world.plug_width
-            return _describe_scene(
+            return _describe_hook_scene(
                 hook,
                 np.array([hook.peak]),
                 hooks=2,
@@ -267,24 +267,29 @@ def _target_scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str,
             )
         case SnapFit():
             hook, half = world.hook, world.half_width
-            stem = max(_STEM * (half + world.clearance - hook.height), 0.2 * half)
-            places = np.linspace(hook.base_length, hook.tip, _PLACES)
+            stem = max(_STEM_GAP_FRACTION * (half + world.clearance - hook.height), 0.2 * half)
+            places = np.linspace(hook.base_length, hook.tip, _BEND_POINTS)
             soft = compliance(hook, hook.peak, world.beam)
-            return _describe_scene(
+            return _describe_hook_scene(
                 hook,
                 places,
                 hooks=world.hooks,
                 root=-hook.base_length,
                 back=half + world.clearance + hook.thickness,
-                outline=[[-_HEAD, half], [0.0, half], [0.0, stem], [hook.tip - hook.base_length + 6e-3, stem]],
-                floor=-_HEAD,
+                outline=[
+                    [-_EDGE_THICKNESS_M, half],
+                    [0.0, half],
+                    [0.0, stem],
+                    [hook.tip - hook.base_length + 6e-3, stem],
+                ],
+                floor=-_EDGE_THICKNESS_M,
                 force=hook.youngs_modulus * hook.width * hook.height / float(soft.plus),
             )
     return None
 
 
-def _describe_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
-    """The scene of `hook`, touched at `at` (n,), and what else there is."""
+def _describe_hook_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
+    """Describe the scene of `hook` with contacts at `at` (n,), and further entries `others`."""
     corners = [hook.base_length, hook.ramp_end, hook.peak, hook.tip]
     along = np.unique(np.concatenate([np.linspace(0.0, hook.tip, 25), corners]))
     bends = []
@@ -302,24 +307,22 @@ def _describe_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The hand behind the page's pointer: held by a person, or at rest where it was released.
+# Relay of the page's pointer to the servo: dragged by the user, or at rest where it was released.
 #
-# While a person drags, their own messages keep the pose fresh: if the page freezes or goes away in the middle of a drag
-# it is not renewed, it expires, and the guard releases. A browser on a busy computer stutters, though: as long as its
-# socket is open, a pause is bridged. A hand at rest has no such person behind it, so the server keeps it fresh for as
-# long as the page stays connected.
+# During a drag the page's messages refresh the pose: if the page freezes or disconnects, the pose expires and the guard
+# releases. Because a browser on a busy computer stutters, short pauses are bridged while its socket is open. A pointer
+# at rest sends no messages, so the server refreshes it while the page is connected.
 #
-# Two limits, `Patience`, bound how long a force may last that no person holds: what the page's main thread may be
-# silent before the page's own worker drops the pose, and what the worker may be silent before this end does. A real
-# device allows a quarter of a second at most; then the pose expires (`limits.expiry`), the guard fades the force out
-# within 50 ms and trips. A simulated one cannot hurt anyone, and no tracker has failed: it allows a second, and then
-# the simulated hand releases the pointer and is back at rest within 1.5 s, without a trip. A page that goes away in the
-# middle of a drag lets the pose expire with either. This process too may wait for a processor: the simulated hand stays
-# where it is for 0.3 s without a word from here.
+# Two timeouts, `Patience`, bound how long a force may last without the user: of the page's main thread, after which its
+# worker drops the pose, and of the worker, after which the server drops it. A real device allows at most 0.25 s; then
+# the pose expires (`limits.expiry`), and the guard fades the force out within 50 ms and trips. A simulated device
+# cannot hurt anyone, and no tracker has failed: it allows 1 s, then the simulated hand releases the pointer and returns
+# to rest within 1.5 s, without a trip. If a page disconnects during a drag, the pose expires with either. Since this
+# process may also wait for a processor, the simulated hand keeps its pose for 0.3 s without a message from here.
 
 
 class Patience(NamedTuple):
-    """How long a held pointer stays valid without renewal [s]."""
+    """Timeouts of a dragged pointer that is not refreshed [s]."""
 
     page: float  #: from the page's main thread to its worker
     worker: float  #: from the worker to the server
@@ -328,48 +331,48 @@ class Patience(NamedTuple):
 PATIENCE = Patience(page=0.25, worker=0.15)
 PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
 
-_STARVATION = 0.3  #: what a simulated hand bridges while this process has no processor [s]
-#: how close the row's goal must be to the page's to be its answer [m]: float32 on the way
-_SAME = 1e-6
-#: this long after its release a hand is at rest [s]
+_STARVATION_S = 0.3  #: time that a simulated hand bridges while this process gets no processor [s]
+#: largest difference of a row's goal from the pointer's that it echoes [m]; the transport is in float32
+_ECHO_TOLERANCE_M = 1e-6
+#: a hand is at rest this long after its release [s]
 SETTLED = 0.5
-#: an answer that has not come by then will not come [s]
-_PATIENCE = 0.5
+#: timeout of an echo [s]
+_ECHO_TIMEOUT_S = 0.5
 
 
 def patience_for(driver: str) -> Patience:
-    """What `driver` allows: more where nothing is powered."""
+    """Timeouts for `driver`: longer for the simulation, which has no power."""
     return PATIENCE_SIMULATED if driver == "sim" else PATIENCE
 
 
 @final
 class PointerRelay:
-    """Passes the controlling page's pointer to the servo, and finds the row that answers it."""
+    """Forwards the controlling page's pointer to the servo, and finds the row that echoes it."""
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
         self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
-        self._patience = _STARVATION if self._simulated else 0.0
-        self._last: tuple[Array, Array | None, float] | None = None  # what is held, and when it was last said
-        self._rested = 0.0  # when it was released
+        self._patience = _STARVATION_S if self._simulated else 0.0
+        self._last: tuple[Array, Array | None, float] | None = None  # the dragged pose, and when it was received
+        self._release_time = 0.0  # time of the release [s]
         self._resting: tuple[Array, Array | None] | None = None
-        # the page's stamp, our time, position, orientation
+        # the page's time stamp, our time, position, orientation
         self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
         self.held = False
 
     def point(self, pointer: Pointer) -> None:
-        """The page's pointer moved, or was released at `pointer.p`."""
+        """Forward a pointer that moved or was released at `pointer.p`."""
         self._servo.hand.point(pointer.p, pointer.q, patience=self._patience)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         if not pointer.held:
-            self._rested = time.monotonic()
+            self._release_time = time.monotonic()
         self._last = (pointer.p, pointer.q, time.monotonic()) if pointer.held else None
         if math.isfinite(pointer.stamp):
             self._pending.append((pointer.stamp, time.monotonic(), pointer.p, pointer.q))
 
-    def keep(self) -> None:
-        """Refresh a hand at rest, or one whose page stutters; to be called well within the device's expiry."""
+    def refresh(self) -> None:
+        """Refresh a hand at rest, or one whose page stutters; call it more often than the device's expiry."""
         if self._resting is not None:
             self._servo.hand.point(*self._resting, patience=self._patience)
         elif self._last is not None:
@@ -379,58 +382,59 @@ class PointerRelay:
                 self.drop()
 
     def release(self) -> None:
-        """The page went away: a hand at rest goes home, a drag is left to expire.
+        """Handle a disconnected page: a hand at rest is released, a drag expires.
 
-        A browser that closes a page in the middle of a drag first sends that the pointer was released; that is no rest.
+        A browser that closes a page during a drag first sends a release of the pointer, which does not count as rest.
         """
-        if self._resting is not None and time.monotonic() - self._rested > SETTLED:
+        if self._resting is not None and time.monotonic() - self._release_time > SETTLED:
             self._servo.hand.release()
-        self._forget()
+        self._clear()
 
     def drop(self) -> None:
-        """The page is hidden or hangs: a drag is over. A simulated hand releases the tool; a real device's pose is left
-        to expire."""
+        """End a drag because the page is hidden or hangs.
+
+        A simulated hand releases the tool; the pose of a real device expires."""
         if self._last is None:
             return
         if self._simulated:
             self._servo.hand.release()
-        self._forget()
+        self._clear()
 
-    def let_go(self) -> None:
-        """Release the tool at once."""
+    def home(self) -> None:
+        """Release the tool at once; it returns to rest."""
         self._servo.hand.release()
-        self._forget()
+        self._clear()
 
     def end_expired_drag(self) -> None:
-        """Before engaging: a drag that was left to expire is over, the hand goes home."""
+        """Release the hand after an expired drag; to be called before engaging."""
         if not self.held and self._resting is None:
             self._servo.hand.release()
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._resting = self._last = None
         self._pending.clear()
         self.held = False
 
     @property
     def waiting(self) -> bool:
-        """Whether a pointer has been passed on and no row has answered it yet."""
-        while self._pending and time.monotonic() - self._pending[0][1] > _PATIENCE:
+        """Whether a forwarded pointer has not been echoed by a row yet."""
+        while self._pending and time.monotonic() - self._pending[0][1] > _ECHO_TIMEOUT_S:
             self._pending.popleft()
         return bool(self._pending)
 
     def echo(self, targets: Array, turns: Array | None = None) -> float:
-        """The page's time stamp [ms] of the newest pointer that one of the goals answers, else NaN.
+        """Time stamp [ms] of the newest pointer that one of the goals echoes, else NaN.
 
         targets   (n, 3) positions
-        turns     (n, 4) orientations; a rotor's pointers differ in nothing else. None: they do not matter
+        turns     (n, 4) orientations, the only difference of a rotor's pointers; None: not compared
         """
         for place in range(len(self._pending) - 1, -1, -1):
             stamp, _, p, q = self._pending[place]
             if not len(targets):
                 break
-            same = np.abs(targets - p).max(axis=1) < _SAME
+            same = np.abs(targets - p).max(axis=1) < _ECHO_TOLERANCE_M
             if q is not None and turns is not None:
-                same &= np.abs(turns - q / np.linalg.norm(q)).max(axis=1) < _SAME
+                same &= np.abs(turns - q / np.linalg.norm(q)).max(axis=1) < _ECHO_TOLERANCE_M
             if same.any():
                 for _ in range(place + 1):
                     self._pending.popleft()
@@ -438,13 +442,13 @@ class PointerRelay:
         return math.nan
 
 
-_KELVIN = 273.15
-_NAME = 64  #: of a world or a value [characters]
-_VALUES = 64  #: of a world
+_ZERO_CELSIUS_K = 273.15  #: 0 °C [K]
+_MAX_NAME_CHARACTERS = 64  #: of a world, a value or a button [characters]
+_MAX_VALUES = 64  #: of a world
 
 
 def worlds(device: Device, own: Mapping[str, World]) -> list[dict[str, Any]]:
-    """Every world that `device` can render, the user's `own` ones first: name, what it is, its parameters in order."""
+    """Describe every world that `device` can render, the user's `own` ones first: name, summary, parameters."""
     found: list[tuple[str, type[World], Mapping[str, Any], frozenset[str]]] = [
         (name, type(world), parameter_values(world), getattr(world, "unused_parameters", frozenset()))
         for name, world in own.items()
@@ -481,8 +485,8 @@ def _is_renderable(device: Device, kind: type[World]) -> bool:
     return True
 
 
-def _word(trip: Trip, tracker: str) -> str:
-    """What the header says for `trip`."""
+def _header_text(trip: Trip, tracker: str) -> str:
+    """Short text for `trip` in the page's header."""
     if trip is Trip.STOPPED:
         return "stopped"
     return "tracker lost" if trip is Trip.POSE_LOST and tracker != "pointer" else "tripped"
@@ -490,9 +494,9 @@ def _word(trip: Trip, tracker: str) -> str:
 
 @final
 class RecordedServo:
-    """Device, driver, tracker and models of a run, by the recording's note of it."""
+    """Facts of a recorded run in place of a servo: device, driver, tracker and models, from the metadata `run`."""
 
-    part_remarks: tuple[str, ...] = ()  #: the numbers alone show how a part was rendered
+    part_remarks: tuple[str, ...] = ()  #: not recorded
 
     def __init__(self, device: Device, run: Mapping[str, str]) -> None:
         self.device = device
@@ -506,7 +510,7 @@ class RecordedServo:
 
 
 def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
-    """The JSON of /api/session but for `worlds_now`; `started` distinguishes one run of the server from another."""
+    """Describe the session for /api/session, without `worlds_now`; `started` identifies a run of the server."""
     device = servo.device
     heat = device.coils.heat
     return {
@@ -528,12 +532,12 @@ def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
             "torque": device.limits.torque,
             "expiry": device.limits.expiry,
             "current": device.coils.current_limit.tolist(),
-            "warn": heat.warn - _KELVIN,
-            "derate": heat.derate - _KELVIN,
-            "stop": heat.stop - _KELVIN,
+            "warn": heat.warn - _ZERO_CELSIUS_K,
+            "derate": heat.derate - _ZERO_CELSIUS_K,
+            "stop": heat.stop - _ZERO_CELSIUS_K,
         },
         "trips": {
-            str(int(trip)): {"word": _word(trip, servo.tracker), "text": describe_trip(trip, servo.tracker)}
+            str(int(trip)): {"word": _header_text(trip, servo.tracker), "text": describe_trip(trip, servo.tracker)}
             for trip in Trip
             if trip is not Trip.NONE
         },
@@ -541,20 +545,19 @@ def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
 
 
 def worlds_now(servo: Servo, *, shown: bool = True) -> dict[str, Any]:
-    """The worlds that can be chosen, and the present one; nothing but its name unless it may be `shown`."""
+    """Describe the selectable worlds and the current one, which is hidden unless `shown`."""
     return {"worlds": worlds(servo.device, servo.own_worlds if shown else {}), "world": world_now(servo, shown=shown)}
 
 
 def world_now(servo: Servo, *, shown: bool = True) -> dict[str, Any]:
-    """Name and values of the world that is felt now, the model that is inverted, what there is to draw and to say."""
+    """Describe the current world: name, values, inverted model, drawing and remarks."""
     name, values = servo.world
     plain = {key: _to_json(value) for key, value in values.items()}
     return describe_world(servo, name, plain, servo.model, shown=shown)
 
 
 def describe_world(servo: Servo, name: str, values: Mapping[str, Any], model: str, *, shown: bool) -> dict[str, Any]:
-    """The world `name` with `values` as JSON has them, what there is to draw and to say; of one that is not `shown`
-    nothing but the `model`."""
+    """Describe the world `name` with `values` in JSON types, its drawing and remarks; unless `shown`, only `model`."""
     if not shown:
         return {"name": "hidden", "values": {}, "model": model, "scene": None, "shapes": [], "remarks": []}
     return {
@@ -568,13 +571,13 @@ def describe_world(servo: Servo, name: str, values: Mapping[str, Any], model: st
 
 
 def _own_remarks(servo: Servo, name: str) -> list[str]:
-    """Remarks of a world of the user's own, such as a scene."""
+    """Remarks of a user's world, such as a scene."""
     world = servo.own_worlds.get(name)
     return [] if world is None else list_world_remarks(world)
 
 
 def list_world_remarks(world: World, period: float | None = None) -> list[str]:
-    """What should be said about `world` and each scene in it; with the `period` of a tick [s] also about steps."""
+    """Remarks on `world` and each scene in it; with the `period` of a tick [s] also on simulation steps."""
     found: list[str] = []
     for part in getattr(world, "parts", (world,)):
         listed = getattr(part, "list_remarks", None)
@@ -583,27 +586,34 @@ def list_world_remarks(world: World, period: float | None = None) -> list[str]:
 
 
 def _to_json(value: Any) -> Any:
-    """`value` as JSON has it."""
+    """Convert tuples and arrays to lists."""
     return list(value) if isinstance(value, tuple | list | np.ndarray) else value
 
 
 def press_buttons(servo: Servo, command: Mapping[str, Any]) -> None:
-    """The buttons that a page holds down, for programs that are connected; InputError for what is no list of names."""
+    """Set the buttons pressed on a page, for connected programs. Raises InputError for no list of names."""
     pressed = command.get("pressed")
-    if not isinstance(pressed, list) or not all(isinstance(name, str) for name in pressed[:_VALUES]):
+    if not isinstance(pressed, list) or not all(isinstance(name, str) for name in pressed[:_MAX_VALUES]):
         raise InputError("buttons are a list of names: a, b, c")
-    servo.press([name[:_NAME] for name in pressed[:_VALUES]])
+    servo.press([name[:_MAX_NAME_CHARACTERS] for name in pressed[:_MAX_VALUES]])
 
 
 def read_world(command: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Name and values of the world that a page asks for; InputError if they cannot be one's."""
+    """Read name and values of the world in a page's command. Raises InputError if they are invalid."""
     name, values = command.get("name"), command.get("values", {})
     if not isinstance(name, str) or not isinstance(values, dict):
         raise InputError("a world needs a name (text) and values (an object)")
-    if len(name) > _NAME or len(values) > _VALUES or any(len(key) > _NAME for key in values):
-        raise InputError(f"a world has a name of at most {_NAME} characters, and at most {_VALUES} values with such")
+    if (
+        len(name) > _MAX_NAME_CHARACTERS
+        or len(values) > _MAX_VALUES
+        or any(len(key) > _MAX_NAME_CHARACTERS for key in values)
+    ):
+        raise InputError(
+            f"a world has a name of at most {_MAX_NAME_CHARACTERS} characters, "
+            f"and at most {_MAX_VALUES} values with such"
+        )
     for key, value in values.items():
         numbers = value if isinstance(value, list) else [value]
-        if len(numbers) > _VALUES or not all(type(one) in (int, float) for one in numbers):
+        if len(numbers) > _MAX_VALUES or not all(type(one) in (int, float) for one in numbers):
             raise InputError(f"a world's value is a number or a list of numbers; {key} is neither")
     return name, values

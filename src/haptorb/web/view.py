@@ -1,4 +1,4 @@
-"""The viewer's server: one port on this computer only, served until the user ends it."""
+"""Viewer of recordings: the pages that play them and their server, reachable only from this computer."""
 
 from __future__ import annotations
 
@@ -64,16 +64,16 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The device that a recording was made with, from the text of its file that the recording carries.
+# Device of a recording, from the text of the device file in its metadata.
 
 
 def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[Device, str]:
-    """The device, and what a person should know about where it came from (else "").
+    """Find the device of a recording, with a notice for the user about its origin (else "").
 
-    note  of the recording, on its device
-    name  of a device, or path of its file, that overrides the recording's; None: the recording's
+    note  metadata of the recording on its device
+    name  name or file of a device that overrides it; None: the device of the recording
 
-    Raises DeviceError or UnknownName for a wrong `name`, InputError where the device is unknown.
+    Raises DeviceError or UnknownName for a wrong `name`, InputError if the device is unknown.
     """
     if name is not None:
         device = load(name)
@@ -84,7 +84,7 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
         )
     if text := DeviceText.from_note(note):
         try:
-            # what was recorded did run, whatever is checked today
+            # a recorded device did run, even if it fails today's checks
             return parse(text.own, note.get("name", "of the recording"), bases=text.bases, override=True), ""
         except HaptorbError as cause:
             if note.get("name", "") not in catalogue():
@@ -93,7 +93,7 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
                 ) from cause
             trouble = f"device '{note['name']}' is drawn as in this version, not as in the recording: {cause}"
             return load(note["name"]), trouble
-    # The file of a trip says no device; its name begins with the device's.
+    # The recording of a trip has no device metadata; its file name begins with the device's name.
     known = sorted(catalogue(), key=len, reverse=True)
     for one in (note.get("name", ""), *(one for one in known if path.name.startswith(f"{one}-"))):
         if one in known:
@@ -102,14 +102,14 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
 
 
 # --------------------------------------------------------------------------------------------------
-# The worlds of a recording, each as the page shows it: values, bodies, target scene, and what is missing.
+# Worlds of a recording, described for the page: values, bodies, target scene and remarks.
 
 
-_UNKNOWN = "its code is not part of haptorb: neither its force map nor its bodies can be drawn"
+_UNKNOWN_WORLD_TEXT = "its code is not part of haptorb: neither its force map nor its bodies can be drawn"
 
 
 def read_worlds(notes: Sequence[Mapping[str, str]]) -> dict[int, tuple[str, dict[str, Any]]]:
-    """Number of the change → name and values; notes that haptorb did not write are passed over."""
+    """Read the worlds: number of the change → name and values; invalid notes are ignored."""
     found: dict[int, tuple[str, dict[str, Any]]] = {}
     for note in notes:
         try:
@@ -117,14 +117,14 @@ def read_worlds(notes: Sequence[Mapping[str, str]]) -> dict[int, tuple[str, dict
             name, values = world["name"], world["values"]
             if not isinstance(name, str) or not isinstance(values, dict):
                 continue
-            found[int(note["change"])] = name, _complete(name, values)
+            found[int(note["change"])] = name, _adapt_values(name, values)
         except (KeyError, TypeError, ValueError, RecursionError):
             continue
     return found
 
 
-def _complete(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a world as this version knows it: another one may have had fewer parameters, or others."""
+def _adapt_values(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Adapt the values of a world to this version: defaults for missing parameters, unknown ones removed."""
     known = {key: value for key, value in values.items() if _is_number(value) or _are_numbers(value)}
     if name not in CATALOGUE:
         return known
@@ -144,37 +144,37 @@ def _are_numbers(value: Any) -> bool:
 
 
 def list_worlds(device: Device, names: Sequence[str]) -> list[dict[str, Any]]:
-    """The catalogue's worlds among `names`, with their parameters in their units; one of a user's own with none."""
+    """Describe the worlds `names`: those of the catalogue with their parameters, a user's world without."""
     known = {one["name"]: one for one in worlds(device, {}) if one["name"] in names}
     return [known.get(name, {"name": name, "about": "", "parameters": []}) for name in names]
 
 
 def describe_world(name: str, values: Mapping[str, Any], model: str, device: Device) -> dict[str, Any]:
-    """What the console's event of a world says: parameters in their units, lengths of its picture [m]."""
+    """Describe a world in the format of the console's event: parameters in their units, lengths of the drawing [m]."""
     return {
         "name": name,
         "values": {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()},
         "model": model,
         "scene": target_scene(name, values) if device.kind.modes else None,
         "shapes": list_shapes(name, values, {}, device),
-        "remarks": world_remarks(name, values) if name in CATALOGUE else [f"'{name}': {_UNKNOWN}."],
+        "remarks": world_remarks(name, values) if name in CATALOGUE else [f"'{name}': {_UNKNOWN_WORLD_TEXT}."],
     }
 
 
 # --------------------------------------------------------------------------------------------------
-# The columns of the console's frames, taken from the fields of a recording by name, in any order.
+# Columns of the console's frames, mapped by name from the fields of a recording, in any order.
 
 
 @final
 class RowColumns:
-    """What the page shows of a recording's rows; a column that the recording has not is NaN."""
+    """Columns of a recording's rows for the page; a column that the recording lacks is NaN."""
 
     def __init__(self, recording: Recording, layout: RowLayout, *, moded: bool) -> None:
-        """`layout`: of the device as this version of haptorb has it; `moded`: whether that has modes."""
+        """`layout`: row layout of the device in this version; `moded`: whether the device has modes."""
         self._recording = recording
         found = {field.name: field for field in recording.fields}
         usual = {field.name: field for field in layout.fields}
-        free = ("memory", "contacts")  #: as wide as the recording has them
+        free = ("memory", "contacts")  #: of any width
         self._fields: list[tuple[Field, bool]] = []
         for name in COLUMNS + (MODED if moded else ()):
             field = found.get(name, usual[name])
@@ -194,7 +194,7 @@ class RowColumns:
         return [0, *np.cumsum(widths).tolist()][:-1]
 
     def describe(self) -> list[dict[str, Any]]:
-        """Name, offset, width, unit, meaning and headings of each column, as the page reads them."""
+        """Name, offset, width, unit, meaning and headings of each column, in the format of the page."""
         return [
             {
                 "name": field.name,
@@ -208,7 +208,7 @@ class RowColumns:
         ]
 
     def read(self, first: int, last: int) -> Array:
-        """(last − first, width) of these rows, each number in the unit of its column; NaN where there is none."""
+        """Read rows `first` up to `last`: (last − first, width), in the units of the columns; missing values: NaN."""
         read = self._recording.read(first, last, self._names)
         if len(self._places) == self.width:
             return read
@@ -217,29 +217,29 @@ class RowColumns:
         return rows
 
     def frame(self, first: int, last: int, question: float) -> bytes:
-        """Rows `first` up to `last` as a frame of the console, at least one.
+        """Encode rows `first` up to `last`, at least one, as a frame of the console.
 
-        Its `echo` is the page's number of the `question`, its `dropped` the number of the first row.
+        Its `echo` is the number of the page's request, `question`, its `dropped` the number of the first row.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # a foreign number may be too large for float32
+        with np.errstate(over="ignore", invalid="ignore"):  # a number from another program may overflow float32
             return rows_frame(self.read(first, last), self._all, 0, 1, question, first)
 
 
 # --------------------------------------------------------------------------------------------------
-# Finding the row of a time in a recording of any length: a few short reads, not all times.
+# Search for the row of a time by interpolation and bisection, with few reads in a recording of any length.
 
 
-_PIECE = 64  #: rows that are read at once; a chunk of a recording has about as many
+_ROWS_PER_READ = 64  #: rows read at once, about as many as in a chunk of a recording
 
 
 def find_row(read: Callable[[int, int], Array], rows: int, value: float, ends: tuple[float, float]) -> int:
-    """The last of `rows` ≥ 1 rows whose number is at most `value`, the first row where none is.
+    """Find the last of `rows` ≥ 1 rows whose number is at most `value`; the first row if there is none.
 
-    read  (first, last) → (n,) numbers of these rows, in any unit, that increase
+    read  (first, last) → (n,) increasing numbers of these rows, in any unit
     ends  numbers of the first and the last row
 
-    Times are almost evenly spaced, so the first guess is nearly always right. Where they are not, every second guess
-    halves what is left; numbers that do not increase give some row, after as many steps.
+    Times are almost evenly spaced, so the first interpolation is nearly always right. Otherwise every second step
+    bisects; for numbers that do not increase the result is arbitrary, after at most as many steps.
 
     >>> find_row(lambda a, b: np.arange(a, b) / 1000.0, 10_000, 1.2345, (0.0, 9.999))
     1234
@@ -255,8 +255,8 @@ def find_row(read: Callable[[int, int], Array], rows: int, value: float, ends: t
         guess = (low + high) // 2
         if not halve and most > least and math.isfinite(most - least):
             guess = low + int((value - least) / (most - least) * (high - low))
-        first = min(max(guess - _PIECE // 2, low), high)
-        last = min(first + _PIECE, high + 1)
+        first = min(max(guess - _ROWS_PER_READ // 2, low), high)
+        last = min(first + _ROWS_PER_READ, high + 1)
         piece = read(first, last)
         count = int(np.searchsorted(piece, value, side="right"))
         if 0 < count < len(piece):
@@ -270,24 +270,24 @@ def find_row(read: Callable[[int, int], Array], rows: int, value: float, ends: t
 
 
 # --------------------------------------------------------------------------------------------------
-# One recording, ready to be played: its device, columns, worlds, and where a time is.
+# Recording opened for playback: device, columns, worlds, and search by time.
 
 
-_TIME_TOLERANCE_S = 2e-6  #: the page's times come as float32: a tick's own time must find it [s]
-_NEWEST = 64  #: characters of a version that are shown
+_TIME_TOLERANCE_S = 2e-6  #: times of the page are rounded to float32 and must still find their tick [s]
+_MAX_VERSION_CHARACTERS = 64  #: shown of a version [characters]
 
 
 @final
 class PlayedRecording:
-    """The recording at `path`, of the device that it describes, or of `device` (name or path of a device file).
+    """Recording at `path`, drawn with the device in its metadata or with `device` (name or path of a device file).
 
-    recording  what is played; damaged rows are left out
-    device   what is drawn
-    start    time of the first tick on the loop's clock [s]
-    seconds  from the first tick to the last [s]
-    notices  what a person should know: cut short, another version, no device, missing fields
+    recording  the recording; damaged rows are skipped
+    device     device that is drawn
+    start      time of the first tick on the loop's clock [s]
+    seconds    from the first tick to the last [s]
+    notices    notices for the user: truncated, another version, no device, missing fields
 
-    Raises RecordingError for a file that is none, InputError for one without rows or times.
+    Raises RecordingError for a file that is no recording, InputError for one without rows or times.
     """
 
     def __init__(self, path: Path, device: str | None = None) -> None:
@@ -315,24 +315,24 @@ class PlayedRecording:
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return self.recording.path.name
 
     def __len__(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.recording)
 
     @property
     def render(self) -> str | None:
-        """Part of the wrench that was rendered, overriding the world; None: the world's."""
+        """Rendered part of the wrench, if it overrode that of the world; else None."""
         return self._servo.render
 
     def _list_notices(self) -> list[str]:
         notices = list(self.recording.damage)
         if self.recording.truncated:
             notices.append(f"the file is truncated: recorded up to {self.seconds:.2f} s, the rest was cut off")
-        made = self.recording.metadata.get("versions", {}).get("haptorb", "")[:_NEWEST]
-        if _order(made) > _order(__version__):
+        made = self.recording.metadata.get("versions", {}).get("haptorb", "")[:_MAX_VERSION_CHARACTERS]
+        if _version_key(made) > _version_key(__version__):
             notices.append(f"made by haptorb {made}, newer than this one ({__version__}): new fields are not shown")
         if self._columns.missing:
             notices.append(f"not in the recording, so not shown: {', '.join(self._columns.missing)}")
@@ -340,7 +340,7 @@ class PlayedRecording:
         return notices
 
     def find_row(self, seconds: float) -> int:
-        """The row at `seconds` after the first tick: the last that is not later. Raises RecordingError for damage."""
+        """Find the last row not later than `seconds` after the first tick. Raises RecordingError for damaged data."""
         return find_row(self._read_times, len(self), self.start + seconds + _TIME_TOLERANCE_S, self._ends)
 
     def _read_times(self, first: int, last: int) -> Array:
@@ -348,17 +348,17 @@ class PlayedRecording:
         return times
 
     def frame(self, first: int, last: int, question: float) -> bytes:
-        """Rows `first` up to `last`, as far as there are such, as a frame; see `RowColumns.frame`."""
+        """Encode the existing rows from `first` up to `last` as a frame; see `RowColumns.frame`."""
         first = min(max(first, 0), len(self) - 1)
         return self._columns.frame(first, min(max(last, first + 1), len(self)), question)
 
     def find_world(self, change: int) -> tuple[str, dict[str, Any]] | None:
-        """Name and values of the world after that `change`, the latest known one before it; None: not noted."""
+        """Name and values of the world after `change`, or of the latest known one before; None if there is none."""
         known = [number for number in self._worlds if number <= change]
         return self._worlds[max(known)] if known else None
 
     def describe_world(self, change: int, model: str) -> dict[str, Any]:
-        """What the page shows of the world after `change`, for a controller that inverts `model`."""
+        """Describe the world after `change` for the page, for a controller that inverts `model`."""
         found = self.find_world(change)
         if found is None:
             return {"name": "unknown", "values": {}, "model": model, "scene": None, "shapes": [],
@@ -366,7 +366,7 @@ class PlayedRecording:
         return describe_world(*found, model, self.device)
 
     def describe(self, started: str) -> dict[str, Any]:
-        """The console's session of this recording, and `played`: what there is to play."""
+        """Describe the session of this recording in the console's format, with playback facts in `played`."""
         names = list(dict.fromkeys(name for name, _ in self._worlds.values()))
         known = session(self._servo, started)
         return known | {
@@ -385,14 +385,14 @@ class PlayedRecording:
         }
 
     def close(self) -> None:
-        """End what reads the file."""
+        """Close the overview, which may still read the file."""
         self.overview.close()
 
 
-def _order(version: str) -> tuple[int, ...]:
-    """Numbers of a version such as 0.2.1; of anything else, none.
+def _version_key(version: str) -> tuple[int, ...]:
+    """Sort key of a version such as 0.2.1; empty for anything else.
 
-    >>> _order("0.10.0") > _order("0.9.3"), _order("unknown")
+    >>> _version_key("0.10.0") > _version_key("0.9.3"), _version_key("unknown")
     (True, ())
     """
     parts = version.split(".")[:3]
@@ -400,15 +400,15 @@ def _order(version: str) -> tuple[int, ...]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The force maps of a recording's worlds, computed once each by the device that made it.
+# Force maps of a recording's worlds, each computed once, with a cache.
 
 
-_MAX_MAPS = 32  #: maps
+_MAX_MAPS = 32  #: maps in the cache
 
 
 @final
 class PaintedWorlds:
-    """Paints worlds of `recording`, whose device must have a dome, with `force_map`; `end` ends what computes it."""
+    """Cache of force maps of `recording`, whose device must have a dome, computed by `force_map`; `end` closes that."""
 
     def __init__(
         self, recording: PlayedRecording, force_map: ForceMapSource, end: Callable[[], None] = lambda: None
@@ -419,14 +419,13 @@ class PaintedWorlds:
         self._frames: OrderedDict[tuple[str, str, str], bytes] = OrderedDict()
 
     async def paint(self, change: int, model: str) -> bytes | None:
-        """The frame of the force map after `change`, as a controller gives it that inverts `model`; None for a world
-        that is not noted, or not one of the catalogue.
+        """Compute the frame of the force map after `change`, for a controller that inverts `model`.
 
-        Raises HaptorbError where it cannot be computed.
+        None for a world that is unknown or not in the catalogue. Raises HaptorbError if it cannot be computed.
         """
         found = self._recording.find_world(change)
         if found is None or self._points is None or found[0] not in CATALOGUE:
-            return None  # what the page says of such a world is a remark
+            return None  # the page shows a remark for such a world
         name, values = found
         key = name, repr(sorted(values.items())), model
         if key not in self._frames:
@@ -438,39 +437,39 @@ class PaintedWorlds:
 
 
 # --------------------------------------------------------------------------------------------------
-# One page's socket: it asks for rows and worlds of a recording, and gets them in the console's frames.
+# WebSocket of one page: requests for rows and worlds of a recording, answered with the console's frames.
 
 
-MOST_ROWS = 4000  #: in one answer
+MOST_ROWS = 4000  #: rows per reply
 _COMMANDS = "at, rows, world"
 
 
 @final
 class RowSocket:
-    """Answers in the order of the questions; a force map comes when it is computed.
+    """WebSocket of one page; replies are sent in the order of the requests, a force map once it is computed.
 
     {"do": "at", "n": N, "t": SECONDS} → one row, the last that is not later than SECONDS after the first tick
     {"do": "rows", "n": N, "first": ROW, "count": COUNT} → these rows, at most 4000
     {"do": "world", "change": CHANGE, "model": MODEL} → the event `world`, and its force map if it has one
 
-    A mistake is answered with the event `mistake`, with the question's number.
+    An invalid request is answered with the event `mistake` and the request's number.
     """
 
     def __init__(self, socket: WebSocket, recording: PlayedRecording, painted: PaintedWorlds | None) -> None:
         self._socket, self._recording, self._painted = socket, recording, painted
-        self._wanted: tuple[int, str] | None = None
+        self._requested: tuple[int, str] | None = None
         self._changed = asyncio.Event()
         self._sending = asyncio.Lock()
 
     async def serve(self) -> None:
-        """Until the page goes away, or does not take what it asked for."""
+        """Serve until the page disconnects or stops reading."""
         await self._socket.accept(PROTOCOL if PROTOCOL in self._socket.scope["subprotocols"] else None)
         try:
             if self._painted is not None:
                 await self._send(mesh_frame(self._painted.directions, self._painted.triangles))
             await wait_for_first(self._listen(), self._paint())
         except (WebSocketDisconnect, RuntimeError, TimeoutError):
-            pass  # the page went away while something was on its way, or it does not listen
+            pass  # the page disconnected during a send, or does not read
 
     async def _listen(self) -> None:
         while True:
@@ -483,8 +482,8 @@ class RowSocket:
                 await self._answer(question)
             except HaptorbError as mistake:
                 number = question.get("n")
-                await self._tell("mistake", text=str(mistake), n=number if _is_whole(number) else -1)
-            await asyncio.sleep(0)  # however much one page asks, the others have their turn
+                await self._send_event("mistake", text=str(mistake), n=number if _is_whole(number) else -1)
+            await asyncio.sleep(0)  # let other pages have their turn, however much one requests
 
     async def _answer(self, question: Mapping[str, Any]) -> None:
         match question["do"]:
@@ -492,7 +491,7 @@ class RowSocket:
                 seconds = question.get("t")
                 if not isinstance(seconds, int | float) or isinstance(seconds, bool):
                     raise InputError("`t` must be a number of seconds after the first tick")
-                self._recording.overview.give_way()
+                self._recording.overview.pause()
                 row = self._recording.find_row(float(seconds))
                 await self._send(self._recording.frame(row, row + 1, _read_whole(question, "n")))
             case "rows":
@@ -504,33 +503,33 @@ class RowSocket:
                 change, model = _read_whole(question, "change"), question.get("model")
                 if not isinstance(model, str) or model not in self._recording.device.models:
                     raise InputError(f"`model` must be one of {', '.join(self._recording.device.models)}")
-                await self._tell("world", change=change, **self._recording.describe_world(change, model))
-                self._wanted = change, model
+                await self._send_event("world", change=change, **self._recording.describe_world(change, model))
+                self._requested = change, model
                 self._changed.set()
             case other:
                 raise InputError(f"unknown command {other!r} (known: {_COMMANDS})")
 
     async def _paint(self) -> None:
-        """Send the map of the world that was asked for last."""
+        """Send the force map of the most recently requested world."""
         while True:
             await self._changed.wait()
             self._changed.clear()
-            if self._wanted is None or self._painted is None:
+            if self._requested is None or self._painted is None:
                 continue
-            change, model = self._wanted
+            change, model = self._requested
             try:
                 frame = await self._painted.paint(change, model)
             except HaptorbError as mistake:
-                await self._tell("unpainted", change=change, text=f"no force map of this world: {mistake}")
+                await self._send_event("unpainted", change=change, text=f"no force map of this world: {mistake}")
                 continue
-            if frame is not None and self._wanted == (change, model):
+            if frame is not None and self._requested == (change, model):
                 await self._send(frame)
 
     async def _send(self, frame: bytes) -> None:
         async with self._sending, asyncio.timeout(PATIENCE):
             await self._socket.send_bytes(frame)
 
-    async def _tell(self, event: str, **what: Any) -> None:
+    async def _send_event(self, event: str, **what: Any) -> None:
         text = json.dumps({"event": event, **what}, allow_nan=False, default=to_json)
         async with self._sending, asyncio.timeout(PATIENCE):
             await self._socket.send_text(text)
@@ -548,26 +547,26 @@ def _read_whole(question: Mapping[str, Any], key: str) -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# The viewer as an ASGI application: a page with the timeline, in it one page for each recording, and their rows.
+# ASGI application of the viewer: a page with the timeline, one framed page per recording, and their WebSockets.
 
 
-#: where the build hook puts the pages
+#: folder into which the build hook writes the pages
 STATIC = Path(__file__).parent / "view_static"
 
 MOST = 16  #: pages of a recording at the same time
-_FULL = 1013  #: of a WebSocket that is closed: try again later
-_NONE = 4404  #: of one for a recording that there is not
+_TRY_AGAIN_LATER = 1013  #: close code of a WebSocket: too many pages
+_NO_RECORDING = 4404  #: close code of a WebSocket for an unknown recording
 
 
 def application(
     recordings: Sequence[PlayedRecording], painted: Sequence[PaintedWorlds | None], opening: Mapping[str, Any]
 ) -> Starlette:
-    """The ASGI application that plays `recordings`, for those who know `app.state.token`.
+    """Build the ASGI application that plays `recordings`; requests need `app.state.token`.
 
-    painted   the force maps of each recording, None where its device has none
-    opening   what the page begins with: `at` [s], `range` ([s, s] or None), `offset` [s] of the second recording
+    painted   force maps of each recording, None if its device has none
+    opening   initial state of the page: `at` [s], `range` ([s, s] or None), `offset` [s] of the second recording
 
-    Raises InputError if the pages have not been built, or the environment's HAPTORB_TOKEN cannot be one.
+    Raises InputError if the pages have not been built, or HAPTORB_TOKEN of the environment is no valid token.
     """
     token = choose_token()
     files = page_files(STATIC)
@@ -608,7 +607,9 @@ def application(
         number = number_of(socket)
         if number is None or open_pages[number] >= MOST:
             await socket.accept()
-            await socket.close(*((_NONE, "no such recording") if number is None else (_FULL, "too many pages")))
+            await socket.close(
+                *((_NO_RECORDING, "no such recording") if number is None else (_TRY_AGAIN_LATER, "too many pages"))
+            )
             return
         open_pages[number] += 1
         try:
@@ -636,27 +637,27 @@ def _refuse() -> Response:
     return Response("there is no such recording\n", status_code=404, media_type="text/plain")
 
 
-PORT = 8767  #: default; the console's and the study's are others
-_END_CHECK_INTERVAL_S = 0.1  #: between two looks whether to end [s]
+PORT = 8767  #: default port, different from those of console and study
+_END_POLL_INTERVAL_S = 0.1  #: polling interval of the end condition [s]
 
 
 @final
 class Viewer:
-    """A page that plays one recording, or two side by side, at `url`: only who knows the part behind its # may look.
+    """Page that plays one recording, or two side by side, at `url`, which contains the token after #.
 
         with Viewer(["run.mcap"]) as viewer:
             print(viewer.url)
             viewer.serve()
 
-    paths     of one or two recordings
-    port      0 takes any free one
-    at        time after the first tick at which it begins [s]; None: where `span` does
-    span      first and last time of the part that is repeated, on the loop's clock [s]; None: nothing is
-    offset    how much later the second recording begins than the first [s]; below 0: earlier
-    device    name or path of the device that is drawn; None: that of the recording
-    force_map  answers what a device would give at points in space; None: the device's own simulation
-    Raises RecordingError or InputError for files that cannot be played, a port that cannot be had, or pages that are
-    not built.
+    paths      one or two recordings
+    port       0: any free port
+    at         initial time after the first tick [s]; None: the start of `span`
+    span       first and last time of the part to repeat, on the loop's clock [s]; None: no repetition
+    offset     delay of the second recording relative to the first [s]; negative: it begins earlier
+    device     name or path of the device to draw; None: that of the recording
+    force_map  computes the force of a device at points in space; None: a simulation of the device
+    Raises RecordingError or InputError for files that cannot be played, a port that is not available, or pages that
+    have not been built.
     """
 
     def __init__(
@@ -681,7 +682,7 @@ class Viewer:
             self._painted = [_paint(recording, force_map) for recording in self.recordings]
             part = self._clip(span)
             begin = (part[0] if part else 0.0) if at is None else at
-            self.opening = {"at": begin, "range": part, "offset": offset}  #: what the page begins with [s]
+            self.opening = {"at": begin, "range": part, "offset": offset}  #: initial state of the page [s]
             app = application(self.recordings, self._painted, self.opening)
         except BaseException:
             self._end()
@@ -696,7 +697,7 @@ class Viewer:
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (the signal's number is returned), or for `until` seconds.
 
-        `ready` is called once a browser gets a reply. Signals are received only in the main thread.
+        `ready` is called once the server answers requests. Signals are handled only in the main thread.
         """
         signals_seen: list[int] = []
 
@@ -721,18 +722,18 @@ class Viewer:
                     threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
             if clock() > end:
                 self._server.should_exit = True
-            await asyncio.sleep(_END_CHECK_INTERVAL_S if answers else _END_CHECK_INTERVAL_S / 10)
+            await asyncio.sleep(_END_POLL_INTERVAL_S if answers else _END_POLL_INTERVAL_S / 10)
         await serving
-        for painted in self._painted:  # a map that is being computed would be waited for
+        for painted in self._painted:  # else the end would wait for a map that is being computed
             if painted is not None:
                 painted.close()
 
     def close(self) -> None:
-        """End `serve`; may be called from any thread, and twice."""
+        """End `serve`. Thread-safe; may be called twice."""
         self._server.should_exit = True
 
     def _clip(self, span: tuple[float, float] | None) -> tuple[float, float] | None:
-        """`span` on the loop's clock, in times after the first tick of the first recording, within it."""
+        """Convert `span` from the loop's clock to times after the first tick of the first recording, clipped to it."""
         if span is None:
             return None
         one = self.recordings[0]
@@ -771,29 +772,29 @@ def _paint(recording: PlayedRecording, force_map: ForceMapSource | None) -> Pain
 
 
 # --------------------------------------------------------------------------------------------------
-# Which part of which recording is meant: FILE, or FILE#t=FROM,TO as studies note their trials.
+# Part of a recording on the command line: FILE, or FILE#t=FROM,TO as studies write their trials.
 
 
-_PART = re.compile(r"(?P<path>.+)#t=(?P<first>[0-9.eE+-]{1,32}),(?P<last>[0-9.eE+-]{1,32})")
+_PART_PATTERN = re.compile(r"(?P<path>.+)#t=(?P<first>[0-9.eE+-]{1,32}),(?P<last>[0-9.eE+-]{1,32})")
 
 
 class RecordingPart(NamedTuple):
-    """A recording, and what of it: from and to on the loop's clock [s], or None for all of it."""
+    """Part of a recording: start and end on the loop's clock [s], or None for all of it."""
 
     path: Path
     span: tuple[float, float] | None
 
 
 def parse_part(text: str) -> RecordingPart:
-    """The part that `text` names; InputError for one whose times are none.
+    """Parse FILE or FILE#t=FROM,TO. Raises InputError for invalid times.
 
     >>> parse_part("a.mcap#t=1.5,3").span, parse_part("a.mcap").span
     ((1.5, 3.0), None)
     """
     path, mark, _ = text.partition("#t=")
-    if not mark or Path(text).exists():  # a file may be called so
+    if not mark or Path(text).exists():  # the name of an existing file may contain the mark
         return RecordingPart(Path(text), None)
-    found = _PART.fullmatch(text)
+    found = _PART_PATTERN.fullmatch(text)
     try:
         first, last = (float(found[one]) for one in ("first", "last")) if found else (math.nan, math.nan)
     except ValueError:

@@ -1,6 +1,6 @@
-"""The binary frames between page and server: one header of 48 bytes, then plain little-endian arrays.
+"""Binary frames between page and server: a header of 48 bytes, then little-endian arrays.
 
-The page's own copy of this description is `web/src/wire.ts`; the browser tests fail if they differ.
+The page's copy of this format is `web/src/wire.ts`; the browser tests fail if the two differ.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from haptorb.recording.row import RowLayout
 
 __all__ = ["COLUMNS", "Columns", "Pointer", "encode_force_frame", "mesh_frame", "pointer", "rows_frame"]
 
-MAGIC = 0x48_4F_52_42  #: "HORB", read as a little-endian number
+MAGIC = 0x48_4F_52_42  #: "HORB" as a little-endian integer
 VERSION = 1
 ROWS, MESH, FORCE_MAP = 1, 2, 3
 
@@ -26,39 +26,39 @@ ROWS, MESH, FORCE_MAP = 1, 2, 3
 _HEADER = struct.Struct("<IHHIIdddd")
 _POINTER = struct.Struct("<9d")
 
-#: what the page shows of a row, in this order; `t` and `tick` are sent relative to the header's t0 and tick0
+#: columns sent to the page, in this order; `t` and `tick` are sent relative to the header's t0 and tick0
 COLUMNS = (
     *("t", "tick", "lateness", "missed", "guard", "trip", "coil_state", "gain", "world", "model", "valid", "age"),
     *("p", "q", "target", "target_q", "asked", "given", "wanted", "currents", "winding", "remaining"),
     *("saturated", "part", "memory"),
 )
 
-#: what it shows besides of a mover that moves a target through modes
+#: further columns of a device with modes, whose mover moves a target
 MODED = ("mode", "engaged", "share", "object", "object_q", "object_wrench", "contacts")
 
-#: a pose further away than this is not a hand at a device on a table [m]
+#: largest distance of a valid pointer pose from the origin [m]
 REACH = 1.0
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which numbers of a servo's row go to the page, and where they lie in a frame's row."""
+    """Columns of a servo's row that are sent to the page, and their layout in a frame."""
 
     layout: RowLayout
     moded: bool = False  #: whether the device has modes, and a target
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The columns in their order."""
+        """Names of the columns, in order."""
         return COLUMNS + MODED if self.moded else COLUMNS
 
     @property
     def index(self) -> Array:
-        """(width,) positions in the servo's row."""
+        """Indices (width,) of the columns in the servo's row."""
         return np.concatenate([np.arange(self.layout.width)[self.layout[name]] for name in self.names])
 
     def describe(self) -> list[dict[str, object]]:
-        """Name, offset, width, unit, meaning and headings of each column, as the page reads them."""
+        """Name, offset, width, unit, meaning and headings of each column, in the format of the page."""
         fields = {field.name: field for field in self.layout.fields}
         described, offset = [], 0
         for name in self.names:
@@ -70,12 +70,12 @@ class Columns:
 
 
 def rows_frame(rows: Array, index: Array, t: int, tick: int, echo: float, dropped: int) -> bytes:
-    """Every tick's sample of `rows` (n, width): columns `index` as float32.
+    """Encode `rows` (n, width): columns `index` as float32.
 
-    t, tick   columns of time and tick in the servo's row: sent as differences, for float32 cannot count an hour of
-              milliseconds
-    echo      the page's own time stamp of the pointer event that the newest row answers, NaN for none
-    dropped   rows that this page never got because it was too slow, in total
+    t, tick   columns of time and tick in the servo's row: sent relative to the first row, because float32 cannot
+              resolve milliseconds over an hour
+    echo      the page's time stamp of the pointer event that the newest row answers; NaN: none
+    dropped   total of rows that were not sent because this page was too slow
     """
     t0, tick0 = rows[0, t], rows[0, tick]
     chosen = rows[:, index].copy()
@@ -86,29 +86,29 @@ def rows_frame(rows: Array, index: Array, t: int, tick: int, echo: float, droppe
 
 
 def mesh_frame(directions: Array, triangles: Array) -> bytes:
-    """The dome's vertices as unit vectors (n, 3) and its triangles (m, 3)."""
+    """Encode the mesh of the dome: vertices as unit vectors (n, 3) and triangles (m, 3)."""
     header = _HEADER.pack(MAGIC, MESH, VERSION, len(directions), len(triangles), 0.0, 0.0, math.nan, 0.0)
     return header + directions.astype("<f4").tobytes() + triangles.astype("<u4").tobytes()
 
 
 def encode_force_frame(force: Array, saturated: np.ndarray[tuple[int], np.dtype[np.bool_]], version: int) -> bytes:
-    """The radial force (n,) [N] at each vertex, outward positive, and whether the device is at its limit there."""
+    """Encode the force map: radial force (n,) [N] per vertex, outward positive, and whether a limit is reached."""
     header = _HEADER.pack(MAGIC, FORCE_MAP, VERSION, len(force), 0, float(version), 0.0, math.nan, 0.0)
     return header + force.astype("<f4").tobytes() + saturated.astype(np.uint8).tobytes()
 
 
 @dataclass(frozen=True)
 class Pointer:
-    """Where the page's pointer wants the mover."""
+    """Goal for the mover from the page's pointer."""
 
-    stamp: float  #: the page's clock at the pointer's event [ms]; NaN: a refresh that wants no answer
+    stamp: float  #: the page's time of the pointer event [ms]; NaN: a refresh without echo
     p: Array  #: (3,) [m]
-    q: Array | None  #: (4,) quaternion (x, y, z, w), or None: the device's own way of holding it
-    held: bool  #: True while a hand is on it, False when it was released and rests there
+    q: Array | None  #: (4,) quaternion (x, y, z, w), or None: the device's default orientation
+    held: bool  #: True during a drag, False when released at rest
 
 
 def pointer(message: bytes) -> Pointer:
-    """The pointer in `message`; InputError if it is not one, not finite, or out of reach."""
+    """Decode a pointer message. Raises InputError if it is malformed, not finite or out of reach."""
     if len(message) != _POINTER.size:
         raise InputError(f"a pointer message has {_POINTER.size} bytes; got {len(message)}")
     stamp, x, y, z, *turned, held = _POINTER.unpack(message)

@@ -127,7 +127,7 @@ def test_a_browser_is_sent_there_by_a_file_of_ones_own(console, monkeypatch):
         opened.append((url, path.read_text(), path.parent.stat().st_mode & 0o077))
 
     monkeypatch.setattr(server.webbrowser, "open", look)
-    monkeypatch.setattr(server, "_LOADED", 0.0)
+    monkeypatch.setattr(server, "_BROWSER_START_S", 0.0)
     server.open_browser_at(console.url)
     ((url, text, others),) = opened
     assert console.token not in url

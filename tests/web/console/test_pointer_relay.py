@@ -27,7 +27,7 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(
     hand.point(pointer(1.0, 0.01, held=True))
     for _ in range(300):
         now[0] += 0.01
-        hand.keep()
+        hand.refresh()
     assert 100 * seconds - 1 <= servo.count("point"), "a stutter takes no mover"
     check_limit(f"{driver}: a page that hangs holds the mover for", 0.01 * (servo.count("point") - 1), seconds, "s")
     assert servo.count("release") == (driver == "sim"), "a simulated hand lets go instead"
@@ -39,7 +39,7 @@ def test_a_held_pointer_is_kept_through_a_stutter_only(
 def test_only_a_simulated_hand_bridges_a_server_without_processor(servo, driver, simulated):
     servo.driver = driver
     hand = PointerRelay(servo)
-    for say in (lambda: hand.point(pointer(1.0, 0.01, held=True)), hand.keep):
+    for say in (lambda: hand.point(pointer(1.0, 0.01, held=True)), hand.refresh):
         servo.patience = math.nan
         say()
         assert (0.1 < servo.patience < 0.5) if simulated else servo.patience == 0.0
@@ -57,13 +57,13 @@ def test_a_dropped_drag_is_over_and_a_resting_hand_stays(servo, driver):
     hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
     hand.drop()
-    hand.keep()
+    hand.refresh()
     assert servo.count("point") == 1
     assert servo.count("release") == (driver == "sim")
     assert not hand.held
     hand.point(pointer(2.0, 0.01, held=False))
     hand.drop()
-    hand.keep()
+    hand.refresh()
     assert servo.count("point") == 3
     assert servo.count("release") == (driver == "sim")
 
@@ -74,11 +74,11 @@ def test_a_resting_hand_is_kept_fresh_and_goes_home_with_the_page(servo, monkeyp
     hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=False))
     for _ in range(5):
-        hand.keep()
+        hand.refresh()
     assert servo.count("point") == 6
     now[0] += 1.0
     hand.release()
-    hand.keep()
+    hand.refresh()
     assert servo.count("point") == 6
     assert servo.count("release") == 1
 
@@ -87,7 +87,7 @@ def test_a_page_that_goes_in_the_middle_of_a_drag_lets_the_pose_expire(servo):
     hand = PointerRelay(servo)
     hand.point(pointer(1.0, 0.01, held=True))
     hand.release()
-    hand.keep()
+    hand.refresh()
     assert servo.count("point") == 1
     assert servo.count("release") == 0
 
@@ -97,7 +97,7 @@ def test_letting_go_with_the_last_breath_is_no_rest(servo):
     hand.point(pointer(1.0, 0.01, held=True))
     hand.point(pointer(2.0, 0.01, held=False))
     hand.release()
-    hand.keep()
+    hand.refresh()
     assert servo.count("release") == 0
     assert servo.count("point") == 2
 
