@@ -50,7 +50,7 @@ class ArrayTrial(ChainTrial):
     """Deviations of one device from its model."""
 
     strength: float  #: remanence of the tool's magnets, true over model
-    shift: Array  #: (3,) true minus nominal position of each coil [m]
+    shift: Array  #: (m, 3) true minus nominal position of each coil [m]
     lean: Array  #: (m, 3) rotation from the nominal to the true axis of each coil [rad]
     turns: Array  #: (m,) relative error of each coil's field
     place: Array  #: (3,) estimated minus true position of the tool [m]

@@ -52,8 +52,8 @@ def protect_wrench(
     state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
     reversed: bool, client: Records,
 ) -> None:  # fmt: skip
-    """Start a tick at `now` [s]: the part of the world's `wrench` (6,) that may be commanded, after client rate limits,
-    damping and limits, is in guard.asked of `state`, (1,) PROTECTION. The part of it that `client`, (1,)
+    """Start a tick at `now` [s]: the part of the world's `wrench` (6,) [N, N·m] that may be commanded, after rate
+    limits, damping and clamping, is in guard.asked of `state`, (1,) PROTECTION. The part of it that `client`, (1,)
     CLIENT_FORCE, commands is in guard.commanded. `estimate` gives pose and motion."""
     s = state[0]
     g, e = s.guard, s.estimate

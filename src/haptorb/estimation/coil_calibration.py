@@ -326,7 +326,7 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
 
 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
-    """Check that each coil carries its commanded current in both directions, and no other: (n, m) [A].
+    """Check that each coil carries its current in both directions, and no other: `wanted`, `measured` (n, m) [A].
 
     Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
     """

@@ -454,7 +454,7 @@ class DynamicSum(Sum, DynamicWorld):
         return any(part.takes_commands for _, part in self._remembering)
 
     def take_command(self, memory: Records, client: Records) -> None:
-        """Copy `client` (1,) CLIENT_FORCE [N, s] into the memory of each part that accepts commands."""
+        """Copy `client` (1,) CLIENT_FORCE [N, s] into each part of `memory` (1,) that accepts commands."""
         for name, part in self._remembering:
             if part.takes_commands:
                 part.take_command(memory[name], client)

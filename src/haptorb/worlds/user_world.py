@@ -292,7 +292,7 @@ _FRAMES = 6  #: maximum number of frames of the user's code, the innermost; a re
 
 
 def check_wrench(wrench: object) -> Array:
-    """`wrench` if it is an array (6,) [N, N·m]; otherwise InputError. The guard checks its numbers."""
+    """`wrench`, (6,) [N, N·m]. Raises InputError if it is not such an array; the guard checks its numbers."""
     if not isinstance(wrench, np.ndarray):
         raise InputError(f"wrench must return an array of 6 numbers (force, torque); got {quote(wrench)}")
     if wrench.shape != (6,):
