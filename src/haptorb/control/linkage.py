@@ -174,17 +174,17 @@ class RenderedWrench:
     """Result of one tick of a linkage.
 
     wrench        (6,) on the mover, stator frame [N, N·m]
-    thing         pose and motion of the body that the world acts on: the mover, or a motor's target (primed frame)
-    on_thing      (6,) wrench on it [N, N·m]
-    contacts      (n, 8) as `ContactWorld` gives them; none of another world, or of a linkage without contacts
+    object        pose and motion of the body that the world acts on: the mover, or a motor's object (primed frame)
+    object_wrench (6,) wrench on it [N, N·m]
+    contacts      (n, 8) in the format of `ContactWorld`; empty for other worlds, or a linkage without contacts
     mode          0 direct, 1 translate, 2 rotate
-    share         (2,) how firmly translation and rotation are joined, 0 to 1
-    engaged       whether the hand's clutch is engaged
+    share         (2,) engagement of translation and rotation, 0 to 1
+    engaged       whether the clutch is commanded to engage
     """
 
     wrench: Array
-    thing: State
-    on_thing: Array
+    object: State
+    object_wrench: Array
     contacts: Array
     mode: int
     share: Array
@@ -203,9 +203,9 @@ class Linkage(Stateful, ABC):
         """Wrench of `world` on the hand with the mover at `mover`; one call per tick."""
 
     @abstractmethod
-    def bring_back(self, on_thing: Array, wrench: Array) -> None:
-        """`wrench` (6,) becomes what the part `on_thing` (6,) of the last `render`'s wrench on the body makes on the
-        mover [N, N·m]."""
+    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+        """Fill `wrench` (6,) on the mover [N, N·m] for `object_wrench` (6,), a part of the last `render`'s wrench on
+        the object."""
 
     @abstractmethod
     def set_mode(self, mode: Mode) -> None:
@@ -237,9 +237,9 @@ class Direct(Linkage):
         wrench = world.wrench(mover)
         return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
-    def bring_back(self, on_thing: Array, wrench: Array) -> None:
-        """`wrench` (6,) becomes `on_thing` (6,) itself [N, N·m]: object and mover are the same body."""
-        wrench[:] = on_thing
+    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+        """`wrench` (6,) becomes `object_wrench` (6,) itself [N, N·m]: object and mover are the same body."""
+        wrench[:] = object_wrench
 
     def set_mode(self, mode: Mode) -> None:
         """Not available without modes. Raises InputError."""
@@ -316,8 +316,8 @@ def _slide(share: float, goal: float, step: float) -> float:
 
 @kernel
 def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
-    """Bring `clutch`, (1,) CLUTCH, to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later; the target
-    follows.
+    """Bring `clutch`, (1,) CLUTCH, to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later, and update
+    the object.
 
     False, and nothing changed, where the rotor is tilted beyond STEEPEST or nowhere.
     """
@@ -452,7 +452,7 @@ class ModedLinkage(Linkage):
 
     >>> from haptorb.worlds.snap_fit import Outlet
     >>> linkage, rotor = ModedLinkage(), State.from_rotation(np.eye(3))
-    >>> linkage.render(Outlet(), rotor).thing.p.tolist(), linkage.render(Outlet(), rotor).mode
+    >>> linkage.render(Outlet(), rotor).object.p.tolist(), linkage.render(Outlet(), rotor).mode
     ([0.0, 0.0, 0.0], 1)
     """
 
@@ -546,9 +546,9 @@ class ModedLinkage(Linkage):
         fill_rotor_wrench(memory, asked, self._scale, wrench)
         return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
 
-    def bring_back(self, on_thing: Array, wrench: Array) -> None:
-        """`wrench` (6,) becomes the torque that the part `on_thing` (6,) of the target's wrench makes [N, N·m]."""
-        fill_rotor_wrench(self._memory, on_thing, self._scale, wrench)
+    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+        """Fill `wrench` (6,) with the torque for `object_wrench` (6,), a part of the object's wrench [N, N·m]."""
+        fill_rotor_wrench(self._memory, object_wrench, self._scale, wrench)
 
     def set_mode(self, mode: Mode) -> None:
         """Change to `mode` from the next tick on, with a smooth transition."""

@@ -493,16 +493,16 @@ class Tick(Stateful):
              "thing": (14 + 8 * self.layout.contacts,)},
             counts=("world_changes", "model", "torque_scale", "mode", "engaged", "paused", "failed"),
         )  # fmt: skip
-        self._held: Array = self._kept["thing"]
-        self._held[5:14] = np.eye(3).ravel()
-        self._held_mode, self._held_engaged = 0, False
+        self._object: Array = self._kept["thing"]
+        self._object[5:14] = np.eye(3).ravel()
+        self._object_mode, self._object_engaged = 0, False
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
         self._times: Any = self._stages.data  # single numbers go through it twice as fast
         self._ahead = 0.0  # spent in `prepare` [s]
         self._model = float(device.models.index(estimator.model)) if estimator.model else np.nan
         self._rendered: Array = self._kept["rendered"]
-        self._on_thing: Array = self._kept["on_thing"]
+        self._object_wrench: Array = self._kept["on_thing"]
         self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
         self.part.begin(self.world)
         self._places = self.layout.places
@@ -640,7 +640,7 @@ class Tick(Stateful):
         times[0], times[1], times[2] = t1 - t0, t2 - t1, t3 - t2
         times[3], times[4], times[5] = t4 - t3, t5 - t4, t6 - t5
         ages, ahead, world, coil_state, saturated, part, model, mode, engaged = self._cells
-        places, thing, pose = self._places, rendered.thing, sample.pose
+        places, body, pose = self._places, rendered.object, sample.pose
         fill_row(
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
             sample.field, self._stages,
@@ -650,9 +650,9 @@ class Tick(Stateful):
         )
         memory = self._no_memory if self._bound is None else self._bound.numbers
         fill_object(
-            row, places, rendered.share, thing.p, thing.R_SR, self._on_thing, rendered.contacts, memory, self._held
+            row, places, rendered.share, body.p, body.R_SR, self._object_wrench, rendered.contacts, memory, self._object
         )
-        self._held_mode, self._held_engaged = rendered.mode, rendered.engaged
+        self._object_mode, self._object_engaged = rendered.mode, rendered.engaged
         cells: Any = row.data  # single numbers, as above
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
@@ -673,7 +673,7 @@ class Tick(Stateful):
                 self._log.fail(self.budget.end(bound))
             check_wrench(rendered.wrench)
             # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
-            self._rendered[:], self._on_thing[:] = rendered.wrench, rendered.on_thing
+            self._rendered[:], self._object_wrench[:] = rendered.wrench, rendered.object_wrench
             if bound is not None and bound.takes_commands:
                 self.linkage.bring_back(bound.commanded, commanded)
             if self.part.is_open:
@@ -686,16 +686,16 @@ class Tick(Stateful):
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
             self._fail(reason, cause)  # safety: world-failure-trips
-            self._rendered[:] = self._on_thing[:] = commanded[:] = 0.0
+            self._rendered[:] = self._object_wrench[:] = commanded[:] = 0.0
             return self._render_nothing(estimate.state.t)
 
     def _render_nothing(self, t: float) -> RenderedWrench:
         """No wrench at `t` [s], on what the world acted on last."""
-        held, still = self._held.copy(), np.zeros(3)
-        thing = State(t, held[5:14].reshape(3, 3), held[2:5], still, still)
+        held, still = self._object.copy(), np.zeros(3)
+        body = State(t, held[5:14].reshape(3, 3), held[2:5], still, still)
         return RenderedWrench(
-            self._nothing, thing, self._nothing, held[14:].reshape(-1, 8), self._held_mode, held[:2],
-            self._held_engaged,
+            self._nothing, body, self._nothing, held[14:].reshape(-1, 8), self._object_mode, held[:2],
+            self._object_engaged,
         )  # fmt: skip
 
     def state_arrays(self) -> Mapping[str, StateArray]:
@@ -715,15 +715,15 @@ class Tick(Stateful):
         self._kept["applied"][:] = self._applied
         cells, bound = self._kept_cells, self._bound
         cells[0], cells[1], cells[2] = self.world_changes, self._model, self._log.scale
-        cells[3], cells[4] = self._held_mode, self._held_engaged
+        cells[3], cells[4] = self._object_mode, self._object_engaged
         cells[5], cells[6] = (0.0, 0.0) if bound is None else (bound.paused, bound.failed)
 
     def apply_state(self) -> None:
         """Take it over."""
         self._applied = self._kept["applied"].copy()
         changes, self._model, scale, mode, engaged, paused, failed = self._kept_cells
-        self.world_changes, self._held_mode = choose(changes, 1 << 53), choose(mode, 1 + len(MODES))
-        self._log.scale, self._held_engaged = scale, bool(engaged)
+        self.world_changes, self._object_mode = choose(changes, 1 << 53), choose(mode, 1 + len(MODES))
+        self._log.scale, self._object_engaged = scale, bool(engaged)
         if self._bound is not None:
             self._bound.paused, self._bound.failed = bool(paused), bool(failed)
 

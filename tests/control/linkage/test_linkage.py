@@ -39,7 +39,7 @@ def test_a_direct_linkage_is_the_world_itself():
     state = State.at((0, 0, -0.001), axis=(0, 0, 1))
     felt = Direct().render(Wall(), state)
     assert (felt.wrench == Wall().wrench(state)).all()
-    assert felt.thing is state
+    assert felt.object is state
     assert (felt.mode, felt.engaged, felt.share.tolist()) == (0, True, [1.0, 1.0])
     assert not felt.contacts.any()
     with pytest.raises(InputError, match="no modes"):
@@ -65,8 +65,8 @@ def test_the_torque_scale_slides_and_leaves_motion_and_world_alone():
         last = felt
     assert last.wrench == pytest.approx(3.0 * before.wrench)
     assert largest < 0.01 * np.abs(last.wrench).max()
-    assert (last.thing.p == before.thing.p).all()
-    assert (last.on_thing == before.on_thing).all()
+    assert (last.object.p == before.object.p).all()
+    assert (last.object_wrench == before.object_wrench).all()
     for wrong in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(InputError, match="torque scale"):
             linkage.set_torque_scale(wrong)

@@ -113,7 +113,7 @@ def engage_fully(hand: Hand, mode: str) -> Hand:
 
 
 def pose(rendered: RenderedWrench) -> np.ndarray:
-    return np.concatenate([rendered.thing.p, rendered.thing.R_SR.ravel()])
+    return np.concatenate([rendered.object.p, rendered.object.R_SR.ravel()])
 
 
 @given(SMALL, SMALL, SPIN)
@@ -123,7 +123,7 @@ def test_the_mapping_is_equations_5a_and_6a(psi: float, lam: float, phi: float) 
     for mode in MODES:
         hand = join(gains, mode=mode)
         for k in range(1, 21):  # in steps, as it would be moved: the spin is followed past half a turn
-            target = hand.go(np.array([psi, lam, phi]) * k / 20).thing
+            target = hand.go(np.array([psi, lam, phi]) * k / 20).object
         if mode == "translate":
             assert target.p == pytest.approx([0.03 * lam, 0.004 * psi, 0.01 * phi], abs=1e-12)
             assert (np.eye(3) == target.R_SR).all()
@@ -163,7 +163,7 @@ def hands(draw) -> Hand:
 @given(hands(), FORCE)
 @settings(deadline=None)
 def test_virtual_work_power_at_the_hand_is_power_at_the_target(hand: Hand, wrench) -> None:
-    target, wrench = hand.stay().thing, np.array(wrench)
+    target, wrench = hand.stay().object, np.array(wrench)
     at_the_hand = hand.torque(wrench) @ rotor_at(hand.q, hand.rates).w
     at_the_target = wrench[:3] @ target.v + wrench[3:] @ target.w
     assert at_the_hand == pytest.approx(at_the_target, rel=1e-9, abs=1e-9)
@@ -173,8 +173,8 @@ def test_virtual_work_power_at_the_hand_is_power_at_the_target(hand: Hand, wrenc
 @settings(deadline=None)
 def test_the_targets_velocity_is_the_change_of_its_pose(hand: Hand) -> None:
     dt = 1e-6
-    before = hand.stay().thing
-    after = hand.go(hand.q + hand.rates * dt, hand.rates, dt).thing
+    before = hand.stay().object
+    after = hand.go(hand.q + hand.rates * dt, hand.rates, dt).object
     assert (after.p - before.p) / dt == pytest.approx(before.v, abs=1e-6)
     turn = Rotation.from_matrix(after.R_SR @ before.R_SR.T).as_rotvec() / dt
     assert turn == pytest.approx(before.w, abs=1e-3)
@@ -207,12 +207,12 @@ def test_indexing_reaches_beyond_the_workspace() -> None:
                 hand.linkage.set_clutch(phase == "hold")
             for k in range(1, 201):
                 lam = {"pull": 0.35 * k / 200, "release": 0.35, "back": 0.35 * (1 - k / 200), "hold": 0.0}[phase]
-                before, reached = reached, hand.go((0, lam, 0)).thing.p[0]
+                before, reached = reached, hand.go((0, lam, 0)).object.p[0]
                 assert phase in ("pull", "release") or reached == before  # released, or at rest
     assert reached == pytest.approx(5 * 0.02 * 0.35, abs=1e-12)
     assert reached > 0.02 * math.radians(22.5) * 4
     hand.linkage.restart()
-    assert hand.go((0, 0.35, 0)).thing.p.tolist() == [0.0, 0.0, 0.0]
+    assert hand.go((0, 0.35, 0)).object.p.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_gains_that_break_power_are_reported_and_do_break_it() -> None:
@@ -228,19 +228,19 @@ def test_gains_that_break_power_are_reported_and_do_break_it() -> None:
 
 def test_a_gap_in_the_poses_releases_and_does_not_throw_the_target() -> None:
     hand = join()
-    place = hand.stay().thing.p
+    place = hand.stay().object.p
     jumped = hand.go((0.3, -0.3, 2.0), dt=0.2)
-    assert (jumped.thing.p == place).all()
+    assert (jumped.object.p == place).all()
     assert (jumped.share == 0).all()
     later = hand.stay(dt=1e-3)
-    assert (later.thing.p == place).all()
+    assert (later.object.p == place).all()
     assert 0 < later.share[0] < 0.01
 
 
 def test_the_target_stops_short_of_the_pole_of_its_angles() -> None:
     hand = join(Gains(rotate=(10.0, 1.0, 1.0)), mode="rotate")
     for k in range(300):
-        target = hand.go((0, 0.3 * (k + 1) / 300, 0), (0, 1.0, 0)).thing
+        target = hand.go((0, 0.3 * (k + 1) / 300, 0), (0, 1.0, 0)).object
     assert math.sin(math.radians(79)) < target.R_SR[0, 2] < math.sin(math.radians(82))
     assert hand.torque((0, 0, 0, 0, 1, 0)).tolist() == [0, 0, 0]
     hand.go(hand.q, (0, -1.0, 0))
@@ -250,7 +250,7 @@ def test_the_target_stops_short_of_the_pole_of_its_angles() -> None:
 def test_a_spinning_rotor_is_followed_over_full_turns() -> None:
     hand = join()
     for k in range(1, 121):
-        target = hand.go((0.1, 0.2, 2 * math.pi * k / 40)).thing
+        target = hand.go((0.1, 0.2, 2 * math.pi * k / 40)).object
     assert target.p[2] == pytest.approx(0.01 * 3 * 2 * math.pi, abs=1e-9)
 
 

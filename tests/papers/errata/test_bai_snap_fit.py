@@ -68,14 +68,14 @@ def test_both_phases_by_hand_through_the_modes(world: PublishedOutlet | Outlet) 
     assert np.linalg.norm(pulled, axis=1).max() < 0.6  # the defaults suit a motor of about 1 N·m
     assert (pulled[:, 1] < -0.1).all()  # T_λ from F_X', well above the threshold
     assert (np.diff(pulled[:, 0]) < 0).all()  # T_ψ from F_Y', falling as the plug comes out
-    x = there.thing.p[0]
+    x = there.object.p[0]
     linkage.set_mode("rotate")
     steps = []
     for _ in range(200):  # hands still
         t += 1e-3
         there = render()
         steps.append(there.wrench[3:])
-    assert there.thing.p[0] == pytest.approx(x, abs=1e-12)
+    assert there.object.p[0] == pytest.approx(x, abs=1e-12)
     assert there.share.tolist() == [0.0, 1.0]
     assert np.abs(np.diff(steps, axis=0)).max() < 0.01
     torques = [steps[-1]]
@@ -86,7 +86,7 @@ def test_both_phases_by_hand_through_the_modes(world: PublishedOutlet | Outlet) 
     size = np.linalg.norm(torques, axis=1)
     assert 0.05 < size[0] < 0.6
     assert size[-1] < 0.02 * size[0]
-    assert pytest.approx(np.eye(3), abs=1e-9) == there.thing.R_SR
+    assert pytest.approx(np.eye(3), abs=1e-9) == there.object.R_SR
 
 
 def test_the_default_gains_keep_the_outlet_below_0_6_newton_metre() -> None:

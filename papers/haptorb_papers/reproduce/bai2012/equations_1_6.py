@@ -124,7 +124,7 @@ def _turn_handle(gains: Gains, mode: Mode, axis: int) -> Array:
     """(6,) motion of the target, X'Y'Z'ψ'λ'φ', per radian of ψ, λ or φ (axis 0, 1, 2)."""
     angles = [0.0, 0.0, 0.0]
     angles[axis] = _TURN
-    target = _engage(gains, mode).render(_FREE, _state(0.33, *angles)).thing
+    target = _engage(gains, mode).render(_FREE, _state(0.33, *angles)).object
     R = target.R_SR
     attitude = math.atan2(-R[1, 2], R[2, 2]), math.asin(R[0, 2]), math.atan2(-R[0, 1], R[0, 0])
     return np.array([*target.p, *attitude]) / _TURN
