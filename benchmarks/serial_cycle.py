@@ -38,7 +38,7 @@ def measure(board: str, pace: float, cycles: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder, Emulator(BUILD, Path(folder, "port"), board) as emulator:
         device = Board(emulator.port, answer=2.0)
         time.sleep(0.3)
-        emulator.tell(f"pace {pace}")
+        emulator.execute(f"pace {pace}")
         device.engage(0.5, 20.0)
         before = device.set([100, 100, 100]).rounds
         steps = np.array([0, 400, -200])

@@ -73,7 +73,7 @@ def write_hours(path: Path, hours: float) -> int:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, 1000.0, 10**18)
         for name, values in short.notes:
-            recorder.note(name.removeprefix("haptorb/"), values)
+            recorder.add_metadata(name.removeprefix("haptorb/"), values)
         for turn in range(many):
             later = rows.copy()
             later[:, times] += turn * steps

@@ -326,7 +326,7 @@ class Program:
             raise LostRun("the coils were off already")
         if self._emulator is not None:
             self._emulator.forget()
-            self._emulator.tell("mark")
+            self._emulator.execute("mark")
         assert self.memory is not None
         cursor = self.memory.words[Word.ROWS]
         before, early = time.monotonic(), 0.0

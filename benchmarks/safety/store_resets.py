@@ -53,7 +53,7 @@ def try_resets(build: Path, port: Path, resets: int, seed: int = 0, board: str =
                 called_kept = device.store(wanted).refusal is Refusal.ACCEPTED  # the first answer counts, too
                 while float(emulator.status()["t"]) < end:
                     called_kept |= device.store(wanted).refusal is Refusal.ACCEPTED
-                emulator.tell("reset")
+                emulator.execute("reset")
                 emulator.wait(BOOT)
                 found.resets += 1
                 there = _there(device)

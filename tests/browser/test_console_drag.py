@@ -160,7 +160,7 @@ def test_a_browser_that_is_killed_in_a_drag_leaves_no_current_in_a_boards_coils(
             time.sleep(0.5)
             assert board.status()["on"] == "1", errors.read_text()
             board.forget()
-            board.tell("mark")
+            board.execute("mark")
             os.kill(browser, signal.SIGKILL)
             off = dict(re.findall(r"(\w+)=([-\d.]+)", board.expect_line("@off", 10.0)))
             assert float(off["since_mark_ms"]) < 350.0

@@ -85,7 +85,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
     original = driver.open
 
     def open_then_slow() -> None:
-        emulator.tell("pace 1")
+        emulator.execute("pace 1")
         original()
         emulator.set_pace()
 

@@ -57,7 +57,7 @@ def rewrite(whole: Recording, path: Path, change: Callable[[Notes, Array], objec
     with path.open("wb") as file:
         recorder = Recorder(file, whole.layout, 1000.0, 0)
         for name, values in notes:
-            recorder.note(name.removeprefix("haptorb/"), values)
+            recorder.add_metadata(name.removeprefix("haptorb/"), values)
         recorder.append(rows)
         recorder.finish()
 

@@ -66,15 +66,15 @@ def poison_recording(path: Path) -> None:
     layout = RowLayout(3, 2, memory=4)
     with path.open("wb") as file:
         recorder = Recorder(file, layout, 1000.0, 10**18)
-        recorder.note("device", {"name": POISON, "title": POISON, "digest": POISON})
-        recorder.note("run", {"driver": POISON, "model": POISON, "rate_hz": POISON})
-        recorder.note("versions", {POISON: POISON})
+        recorder.add_metadata("device", {"name": POISON, "title": POISON, "digest": POISON})
+        recorder.add_metadata("run", {"driver": POISON, "model": POISON, "rate_hz": POISON})
+        recorder.add_metadata("versions", {POISON: POISON})
         memory = [{"name": f"../../{FORMULA}{POISON}", "unit": FORMULA + POISON, "shape": [3]},
                   {"name": FORMULA, "unit": "m", "shape": []}]  # fmt: skip
-        recorder.note(
+        recorder.add_metadata(
             "world", {"tick": "0", "change": "1", "world": json.dumps({"name": FORMULA + POISON, "memory": memory})}
         )
-        recorder.note("error", {"tick": POISON, "text": POISON})
+        recorder.add_metadata("error", {"tick": POISON, "text": POISON})
         rows = np.zeros((60, layout.width))
         rows[:, layout["t"]] = rows[:, layout["wall"]] = np.arange(60)[:, None] / 1000.0
         rows[:, layout["world"]] = 1.0

@@ -37,52 +37,52 @@ def freeze(emulator: Any, host: subprocess.Popen[str]) -> str:
 
 
 def pull(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("pull")
+    emulator.execute("pull")
     return "since_mark_ms"
 
 
 def garbage(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("noise 1")
+    emulator.execute("noise 1")
     return "since_mark_ms"
 
 
 def reset(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("reset")
+    emulator.execute("reset")
     return "since_mark_ms"
 
 
 def brown_out(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("brownout")
+    emulator.execute("brownout")
     return "since_mark_ms"
 
 
 def hang(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("hang")
+    emulator.execute("hang")
     return "since_mark_ms"
 
 
 def button(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("button 1")
+    emulator.execute("button 1")
     return "since_mark_ms"
 
 
 def bus_stuck(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("stuck")
+    emulator.execute("stuck")
     return "since_mark_ms"
 
 
 def current_sensor_gone(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("absent ina219-y")
+    emulator.execute("absent ina219-y")
     return "since_mark_ms"
 
 
 def chip_forgot(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("forget")
+    emulator.execute("forget")
     return "since_mark_ms"
 
 
 def short_circuit(emulator: Any, host: subprocess.Popen[str]) -> str:
-    emulator.tell("resistance 0 0.05")
+    emulator.execute("resistance 0 0.05")
     return "since_mark_ms"
 
 
@@ -90,10 +90,10 @@ def mend(emulator: Any, fault: Callable[[Any, Any], str]) -> None:
     """All is well again, and the firmware has had the quarter of a second in which it looks at every chip; after a
     restart, the second in which it learns how warm the coils are, before which it does not engage."""
     for command in ("noise 0", "free", "button 0", "present ina219-y", "resistance 0 0.6"):
-        emulator.tell(command)
-    emulator.tell("pace 1")
+        emulator.execute(command)
+    emulator.execute("pace 1")
     emulator.wait(1.5 if fault in (reset, brown_out, hang) else 0.25)
-    emulator.tell(f"pace {PACE}")
+    emulator.execute(f"pace {PACE}")
 
 
 #: those that the protocol document promises, a hundred times each in the nightly run
@@ -103,9 +103,9 @@ OTHERS = (brown_out, hang, button, bus_stuck, current_sensor_gone, chip_forgot, 
 
 def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int, patience: float = 20.0) -> list[float]:
     """Milliseconds of firmware time from the fault to coils off; repeated when the host was kept from running."""
-    emulator.tell("pace 1")
+    emulator.execute("pace 1")
     emulator.wait(max(1.5 - float(emulator.status()["t"]), 0.0))
-    emulator.tell(f"pace {PACE}")
+    emulator.execute(f"pace {PACE}")
     times: list[float] = []
     tries = 0
     while len(times) < repetitions:
@@ -130,7 +130,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             host.wait()
             host.stdout.close()
             if fault is pull:
-                emulator.tell("plug")
+                emulator.execute("plug")
             mend(emulator, fault)
     return times
 
@@ -156,18 +156,18 @@ def test_coils_are_off_a_hundred_times_of_a_hundred(
 @pytest.mark.parametrize("board", ["m328p", "m2560"])
 def test_coils_are_off_at_boot(started: Callable[..., Any], board: str) -> None:
     emulator = started(board)
-    emulator.tell("pace 1")
+    emulator.execute("pace 1")
     words = emulator.status()
     assert words["on"] == "0"
     assert words["resets"] == "1"
     for _ in range(3):
-        emulator.tell("reset")
+        emulator.execute("reset")
         assert emulator.status()["on"] == "0"
 
 
 def test_a_hung_program_is_restarted_by_the_watchdog(emulator: Any) -> None:
     before = int(emulator.status()["resets"])
-    emulator.tell("hang")
+    emulator.execute("hang")
     emulator.wait(0.1)
     assert int(emulator.status()["resets"]) == before + 1
 

@@ -34,10 +34,10 @@ def running(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[E
 
 @pytest.fixture
 def emulator(running: Emulator) -> Iterator[Emulator]:
-    running.tell("pace 1")
+    running.execute("pace 1")
     yield running
     for command in ("button 0", "resistance 0 0.6"):
-        running.tell(command)
+        running.execute(command)
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
         device.keep(wanted)
         assert device.identity.calibration == wanted
         device.close()
-        emulator.tell("reset")  # the EEPROM remembers
+        emulator.execute("reset")  # the EEPROM remembers
         again = Board(emulator.port, 30.0, answer=5.0)
         assert again.identity.calibration == wanted
         assert again.identity.reset is Reason.RESET_PIN
@@ -112,19 +112,19 @@ def test_engaging_is_refused_while_a_coil_is_too_warm_or_nobody_knows(started: C
     assert early.refusal is Refusal.THERMOMETER  # the first conversion takes a second
     assert "coil temperature is unknown" in refusal(early)
     emulator.wait(1.5)
-    emulator.tell("heat 1 93.9")
+    emulator.execute("heat 1 93.9")
     emulator.wait(2.5)
     hot = device.engage()
     assert hot.refusal is Refusal.HOT
     assert hot.mode is BoardMode.OFF
     assert "above 85 °C" in refusal(hot)
-    emulator.tell("heat 1 40")
-    emulator.tell("absent ds18b20-z")
+    emulator.execute("heat 1 40")
+    emulator.execute("absent ds18b20-z")
     emulator.wait(5.0)
     blind = device.engage()
     assert blind.refusal is Refusal.THERMOMETER
     assert "DS18B20 of coil z on D7" in refusal(blind)
-    emulator.tell("present ds18b20-z")
+    emulator.execute("present ds18b20-z")
     emulator.wait(2.5)
     assert device.engage().refusal is Refusal.ACCEPTED
     device.close()
@@ -153,7 +153,7 @@ def test_no_reset_loses_an_id_that_was_called_kept(built: Path, tmp_path: Path, 
 
 def test_over_current_trips_the_firmware_and_the_host_says_why(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
-    emulator.tell("resistance 0 0.02")
+    emulator.execute("resistance 0 0.02")
     with pytest.raises(DriverError, match="current was above the limit"):
         ticks(driver, np.array([0.9, 0.0, 0.0]), 60)
     assert driver.write(SMALL).tolist() == [0, 0, 0]
@@ -162,10 +162,10 @@ def test_over_current_trips_the_firmware_and_the_host_says_why(emulator: Any, dr
 
 def test_after_a_trip_nothing_flows_until_somebody_engages(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
-    emulator.tell("button 1")
+    emulator.execute("button 1")
     with pytest.raises(DriverError, match="stop button"):
         ticks(driver, SMALL, 20)
-    emulator.tell("button 0")
+    emulator.execute("button 0")
     for _ in range(10):
         with pytest.raises(DriverError, match="stop button"):
             driver.read(0.0)
@@ -178,7 +178,7 @@ def test_after_a_trip_nothing_flows_until_somebody_engages(emulator: Any, driver
 
 def test_silence_is_told_as_silence(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
-    emulator.tell("pace 1")
+    emulator.execute("pace 1")
     emulator.wait(0.1)
     with pytest.raises(DriverError, match="host was silent"):
         ticks(driver, SMALL, 3)
@@ -186,15 +186,15 @@ def test_silence_is_told_as_silence(emulator: Any, driver: SerialDriver) -> None
 
 def test_a_port_that_comes_back_is_found_within_two_seconds_and_stays_off(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
-    emulator.tell("pull")
+    emulator.execute("pull")
     with pytest.raises(DriverError, match="disappeared"):
         ticks(driver, SMALL, 3)
     assert driver.write(SMALL).tolist() == [0, 0, 0]
     time.sleep(0.5)
     with pytest.raises(DriverError, match="retrying"):
         driver.read(0.0)
-    emulator.tell("pace 1")
-    emulator.tell("plug")
+    emulator.execute("pace 1")
+    emulator.execute("plug")
     began = time.monotonic()
     while True:
         try:
@@ -214,7 +214,7 @@ def test_a_port_that_comes_back_is_found_within_two_seconds_and_stays_off(emulat
 
 def test_a_restarted_firmware_is_noticed(emulator: Any, driver: SerialDriver) -> None:
     ticks(driver, SMALL, 5)
-    emulator.tell("brownout")
+    emulator.execute("brownout")
     with pytest.raises(DriverError, match=r"supply dropped|host was silent|no response"):
         ticks(driver, SMALL, 20)
 
@@ -228,15 +228,15 @@ def test_a_restarted_firmware_is_noticed(emulator: Any, driver: SerialDriver) ->
     ],
 )
 def test_a_missing_sensor_is_named_with_its_address(emulator: Any, chip: str, part: str, known: float) -> None:
-    emulator.tell(f"absent {chip}")
-    emulator.tell("reset")
+    emulator.execute(f"absent {chip}")
+    emulator.execute("reset")
     emulator.wait(known)
     try:
         with pytest.raises(DriverError, match=part):
             SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=0.2).open()
     finally:
-        emulator.tell(f"present {chip}")
-        emulator.tell("reset")
+        emulator.execute(f"present {chip}")
+        emulator.execute("reset")
 
 
 def test_a_frame_and_its_answer_take_less_than_a_millisecond(emulator: Any, driver: SerialDriver) -> None:

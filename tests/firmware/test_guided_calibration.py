@@ -45,9 +45,9 @@ def slowly(driver: SerialDriver, emulator: Emulator) -> SerialDriver:
     original = driver.open
 
     def open_then_slow() -> None:
-        emulator.tell("pace 1")
+        emulator.execute("pace 1")
         original()
-        emulator.tell(f"pace {PACE}")
+        emulator.execute(f"pace {PACE}")
 
     driver.open = open_then_slow  # type: ignore[method-assign]
     return driver

@@ -470,9 +470,9 @@ def _craft_recordings() -> Iterator[tuple[str, str, str, bytes]]:
     for number, note in enumerate(worlds):
         file = io.BytesIO()
         recorder = Recorder(file, layout, 1000.0, 10**18)
-        recorder.note("device", {"name": "omni", "digest": "0" * 64, "files": "/dev/zero"})
-        recorder.note("run", {"driver": "sim", "model": "canary_module", "rate_hz": "1000"})
-        recorder.note(*note)
+        recorder.add_metadata("device", {"name": "omni", "digest": "0" * 64, "files": "/dev/zero"})
+        recorder.add_metadata("run", {"driver": "sim", "model": "canary_module", "rate_hz": "1000"})
+        recorder.add_metadata(*note)
         recorder.append(np.zeros((20, layout.width)))
         recorder.finish()
         for command in COMMANDS[K.RECORDING]:

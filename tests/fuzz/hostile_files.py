@@ -367,8 +367,8 @@ def kinds(folder: Path) -> list[Kind]:
 
     layout, file = RowLayout(3, 2), io.BytesIO()
     recorder = Recorder(file, layout, 1000.0, 10**18)
-    recorder.note("device", {"name": "omni", "digest": omni.digest})
-    recorder.note("gap", {"rows": "3", "after": "4"})
+    recorder.add_metadata("device", {"name": "omni", "digest": omni.digest})
+    recorder.add_metadata("gap", {"rows": "3", "after": "4"})
     rows = np.random.default_rng(0).normal(size=(60, layout.width))
     rows[:, layout["t"]] = rows[:, layout["wall"]] = np.arange(60)[:, None] / 1000.0
     rows[:, layout["valid"]], rows[:, layout["age"]] = 1.0, 0.001

@@ -62,13 +62,15 @@ def make_recording(
     with path.open("wb") as file:
         recorder = Recorder(file, layout, RATE, 10**18)
         if device:
-            recorder.note("device", {"name": "omni", "digest": omni.digest, "title": omni.title, "file": text})
+            recorder.add_metadata("device", {"name": "omni", "digest": omni.digest, "title": omni.title, "file": text})
         models = {"model": "exact", "models": " ".join(omni.models)}
-        recorder.note("run", {"driver": "sim", "tracker": "pointer", **models})
-        recorder.note("versions", {"haptorb": version})
+        recorder.add_metadata("run", {"driver": "sim", "tracker": "pointer", **models})
+        recorder.add_metadata("versions", {"haptorb": version})
         worlds = ({"name": "dome", "values": {"moment": 2.0}}, {"name": "dome", "values": {"moment": 1.0}})
         for number, world in enumerate(worlds):
-            recorder.note("world", {"change": str(number), "tick": str(number * WORLD), "world": json.dumps(world)})
+            recorder.add_metadata(
+                "world", {"change": str(number), "tick": str(number * WORLD), "world": json.dumps(world)}
+            )
         for part in np.array_split(rows, max(len(rows) // 20, 1)):
             recorder.append(part)
         if end:

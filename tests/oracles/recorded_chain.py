@@ -65,9 +65,9 @@ def record_chain(
     with path.open("wb") as file:
         recorder = Recorder(file, layout, RATE, 0)
         for name, values in config.notes(own).items():
-            recorder.note(name, values)
+            recorder.add_metadata(name, values)
         for change_number, (number, text) in enumerate(changes):
-            recorder.note("world", {"change": str(change_number), "tick": str(number), "world": text})
+            recorder.add_metadata("world", {"change": str(change_number), "tick": str(number), "world": text})
         recorder.append(rows)
         recorder.finish()
     return Recording(path)

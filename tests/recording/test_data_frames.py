@@ -22,12 +22,12 @@ LAYOUT = RowLayout(channels=3, sensors=2)
 def record(path: Path, rows: Any, layout: RowLayout = LAYOUT, *, finish: bool = True) -> Recording:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, 1000.0, 10**18)
-        recorder.note("device", {"name": "omni", "title": "Omni <Zárate>", "coils": '["x", "y", "z"]'})
-        recorder.note("run", {"driver": "sim", "rate_hz": "1000.0", "model": "exact"})
-        recorder.note("world", {"change": "0", "tick": "0", "world": '{"name": "dome", "values": {}}'})
+        recorder.add_metadata("device", {"name": "omni", "title": "Omni <Zárate>", "coils": '["x", "y", "z"]'})
+        recorder.add_metadata("run", {"driver": "sim", "rate_hz": "1000.0", "model": "exact"})
+        recorder.add_metadata("world", {"change": "0", "tick": "0", "world": '{"name": "dome", "values": {}}'})
         recorder.append(rows)
         if finish:
-            recorder.note("end", {"rows": str(len(rows))})
+            recorder.add_metadata("end", {"rows": str(len(rows))})
             recorder.finish()
     return Recording(path)
 

@@ -25,8 +25,8 @@ def file(tmp_path_factory):
     rows[:, LAYOUT["t"]] = 10.0 + 1e-3 * np.arange(ROWS)[:, None]
     with path.open("wb") as out:
         recorder = Recorder(out, LAYOUT, 1000.0, 10**18)
-        recorder.note("device", {"name": "omni"})
-        recorder.note("run", {"driver": "sim", "rate_hz": "1000.0"})
+        recorder.add_metadata("device", {"name": "omni"})
+        recorder.add_metadata("run", {"driver": "sim", "rate_hz": "1000.0"})
         recorder.append(rows)
         recorder.finish()
     return path

@@ -31,11 +31,11 @@ def long_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("long") / "long.mcap"
     with path.open("wb") as file:
         recorder = Recorder(file, LAYOUT, 1000.0, 10**18)
-        recorder.note("device", {"name": "omni"})
+        recorder.add_metadata("device", {"name": "omni"})
         for first in range(0, ROWS, 1000):
             for part in np.split(make_rows(first, first + 1000), 20):
                 recorder.append(part)
-        recorder.note("end", {"rows": str(ROWS)})
+        recorder.add_metadata("end", {"rows": str(ROWS)})
         recorder.finish()
     assert path.stat().st_size > 32 * 2**20
     return path

@@ -40,12 +40,12 @@ def _record(
 ) -> Path:
     with path.open("wb") as file:
         recorder = Recorder(file, layout, rate, 10**18)
-        recorder.note("device", {"name": "omni", "title": "Omni", **device})
-        recorder.note("world", {"change": "0", "tick": "0", "world": "{}"})
+        recorder.add_metadata("device", {"name": "omni", "title": "Omni", **device})
+        recorder.add_metadata("world", {"change": "0", "tick": "0", "world": "{}"})
         for start in range(0, len(rows), 20):
             recorder.append(rows[start : start + 20])
         if finish:
-            recorder.note("end", {"rows": str(len(rows))})
+            recorder.add_metadata("end", {"rows": str(len(rows))})
             recorder.finish()
     return path
 

@@ -54,7 +54,7 @@ def rewrite(recording: Recording, path: Path, drop: tuple[str, ...] = (), **chan
         for name, values in recording.notes:
             short = name.removeprefix("haptorb/")
             if short not in (*drop, "layout", "clock"):
-                recorder.note(short, {**values, **changes.get(short, {})})
+                recorder.add_metadata(short, {**values, **changes.get(short, {})})
         recorder.append(recording.rows)
         recorder.finish()
     return Recording(path)
@@ -193,7 +193,7 @@ def test_after_lost_ticks_it_goes_on_where_the_state_is_known(kept: bool, tmp_pa
         recorder = Recorder(file, whole.layout, 1000.0, 0)
         for name, values in whole.notes:
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
-                recorder.note(short, values)
+                recorder.add_metadata(short, values)
         if kept:
             note_state(recorder, 200, states[0])
         recorder.append(np.concatenate((whole.rows[:150], whole.rows[160:])))
@@ -214,7 +214,7 @@ def test_rows_too_narrow_for_what_a_client_commanded_leave_the_recorded_wrench(r
         recorder = Recorder(file, narrow, 1000.0, 0)
         for name, values in whole.notes:
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
-                recorder.note(short, values)
+                recorder.add_metadata(short, values)
         recorder.append(whole.rows[:, : narrow.width])
         recorder.finish()
     with pytest.raises(RecordingError, match=r"narrow\.mcap.*memory.*recorded wrench"):
@@ -225,8 +225,8 @@ def test_rows_too_narrow_for_what_a_client_commanded_leave_the_recorded_wrench(r
 
 def note_state(recorder: Recorder, tick: int, state: State) -> None:
     """As the recorder does."""
-    recorder.note(LAYOUT_NOTE, {"arrays": describe_arrays(state)})
-    recorder.note(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(state)})
+    recorder.add_metadata(LAYOUT_NOTE, {"arrays": describe_arrays(state)})
+    recorder.add_metadata(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(state)})
 
 
 def late(recording: Recording, path: Path, first: int, notes: dict[str, dict[str, str]]) -> Recording:
@@ -235,9 +235,9 @@ def late(recording: Recording, path: Path, first: int, notes: dict[str, dict[str
         recorder = Recorder(file, recording.layout, 1000.0, 0)
         for name, values in recording.notes:
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
-                recorder.note(short, values)
+                recorder.add_metadata(short, values)
         for name, values in notes.items():
-            recorder.note(name, values)
+            recorder.add_metadata(name, values)
         recorder.append(recording.rows[first:])
         recorder.finish()
     return Recording(path)
@@ -415,7 +415,7 @@ def test_parts_at_once_find_what_one_after_the_other_does(
         recorder = Recorder(file, whole.layout, 1000.0, 0)
         for name, values in whole.notes:
             if (short := name.removeprefix("haptorb/")) not in ("layout", "clock"):
-                recorder.note(short, values)
+                recorder.add_metadata(short, values)
         for tick, state in zip((100, 150), kept, strict=True):
             note_state(recorder, tick, state)
         recorder.append(whole.rows)

@@ -38,7 +38,7 @@ def test_the_ticks_up_to_the_trip_are_kept_and_none_after_it(shared: SharedMemor
     ticks(shared, 0, 300)
     shared.announce_trip(0.299, Trip.OVERCURRENT)
     ticks(shared, 300, 50)  # the heartbeat looks late
-    box.look()
+    box.collect()
     (tripped,) = box.trips
     assert tripped.trip is Trip.OVERCURRENT
     assert repr(tripped) == "<TripRecord at 0.299 s: overcurrent, 100 ticks>"
@@ -49,8 +49,8 @@ def test_a_trip_right_after_the_start_has_fewer(shared: SharedMemory) -> None:
     box = BlackBox(shared, "omni", 1000.0, None)
     ticks(shared, 0, 7)
     shared.announce_trip(0.006, Trip.WORLD_FAILED)
-    box.look()
-    box.look()
+    box.collect()
+    box.collect()
     assert [len(tripped.rows) for tripped in box.trips] == [7]
 
 

@@ -71,7 +71,7 @@ def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pyte
         started.append(start_module(module, *words, **options))
         return started[-1]
 
-    monkeypatch.setattr("haptorb.runtime.process_group._USUAL", 0.0)
+    monkeypatch.setattr("haptorb.runtime.process_group._USUAL_START_S", 0.0)
     monkeypatch.setattr("haptorb.runtime.process_group.start_module", start)
     with Servo("omni", record=False) as servo:
         helper, *worlds_code = started

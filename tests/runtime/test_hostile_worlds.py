@@ -71,7 +71,7 @@ def test_a_world_that_does_not_return_from_its_first_call_is_told(monkeypatch: p
     def endless(state: Any) -> None:
         swallow()
 
-    monkeypatch.setattr("haptorb.runtime.process_group._FIRST_CALL", 0.3)
+    monkeypatch.setattr("haptorb.runtime.process_group._FIRST_CALL_TIMEOUT_S", 0.3)
     servo = Servo("omni", endless, record=False)
     with pytest.raises(ServoError, match=r"world 'endless' has not returned from its first call for 0\.3 s"):
         servo.open()

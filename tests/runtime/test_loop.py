@@ -226,7 +226,7 @@ def test_a_simulated_device_trips_for_slow_ticks_and_not_for_a_busy_computer(sim
 def waits(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Whether the host waits for a processor."""
     waits = [False]
-    monkeypatch.setattr(ProcessorWait, "look", lambda self, now: waits[0])
+    monkeypatch.setattr(ProcessorWait, "update", lambda self, now: waits[0])
     return waits
 
 

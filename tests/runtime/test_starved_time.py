@@ -23,13 +23,13 @@ def test_two_that_share_a_processor_wait_for_each_other_and_a_sleeper_does_not()
     try:
         time.sleep(0.5)
         starved, idle, hang = StarvedTime(busy[0].pid), StarvedTime(sleeper.pid), HangWatch(busy[0].pid)
-        before, resting, begin = starved.look(), idle.look(), time.monotonic()
-        while (waited := starved.look() - before) < 0.5 and time.monotonic() < begin + 30.0:
-            hung = hang.look()
+        before, resting, begin = starved.read(), idle.read(), time.monotonic()
+        while (waited := starved.read() - before) < 0.5 and time.monotonic() < begin + 30.0:
+            hung = hang.update()
             time.sleep(0.05)
         # The kernel adds a wait when it is over: a part may have begun before the first look.
         assert 0.5 <= waited < time.monotonic() - start
-        assert idle.look() - resting < 0.5 * waited
+        assert idle.read() - resting < 0.5 * waited
         assert hung < 1.0
     finally:
         for process in (*busy, sleeper):

@@ -157,10 +157,10 @@ class Recorder:
         schema_id = self._writer.register_schema(NAME, ENCODING, schema(layout).encode())
         self._channel = self._writer.register_channel(TOPIC, MESSAGE_ENCODING, schema_id)
         counts = {key: str(getattr(layout, key)) for key in ("channels", "sensors", "contacts", "memory")}
-        self.note("layout", {**counts, "rate_hz": str(rate)})
-        self.note("clock", {"unix_minus_monotonic_ns": str(unix_minus_monotonic)})
+        self.add_metadata("layout", {**counts, "rate_hz": str(rate)})
+        self.add_metadata("clock", {"unix_minus_monotonic_ns": str(unix_minus_monotonic)})
 
-    def note(self, name: str, values: Mapping[str, str]) -> None:
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record 'haptorb/NAME'."""
         self._writer.add_metadata(f"haptorb/{name}", dict(values))
         self._size = self._file.size

@@ -431,13 +431,13 @@ class ReplayFile:
         self._recorder = recorder
         for name, values in recording.notes:
             if name not in _OWN and not (replaced and name in _STATES):
-                recorder.note(name.removeprefix("haptorb/"), values)
+                recorder.add_metadata(name.removeprefix("haptorb/"), values)
         changes = {key: text for key, text in replaced.items() if key in ("estimator", "model")}
         changes |= {"rate_hz": repr(rate)} if "rate" in replaced else {}
-        recorder.note("run", {**recording.metadata.get("run", {}), **changes})
-        recorder.note("replay", {"of": recording.path.name, **replaced})
+        recorder.add_metadata("run", {**recording.metadata.get("run", {}), **changes})
+        recorder.add_metadata("replay", {"of": recording.path.name, **replaced})
         for note in [{"change": "0", "tick": "0", "world": world}] if world else recording.worlds:
-            recorder.note("world", note)
+            recorder.add_metadata("world", note)
 
     def append(self, rows: Array) -> None:
         """Add rows (n, width), each number in its field's unit [SI]."""
@@ -446,7 +446,7 @@ class ReplayFile:
     def finish(self) -> None:
         """Everything is there."""
         rows = str(self._recorder.written)
-        self._recorder.note("end", {"rows": rows, "lost": "0", "reason": "replayed"})
+        self._recorder.add_metadata("end", {"rows": rows, "lost": "0", "reason": "replayed"})
         self._recorder.finish()
 
 

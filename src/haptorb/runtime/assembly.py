@@ -1,4 +1,4 @@
-"""From the description of a run to the chain that the loop steps: driver, estimator, world, allocator and linkage."""
+"""Assembles the control chain from the description of a run: driver, estimator, world, allocator and linkage."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = ["assemble", "make_tick"]
 
 
 def assemble(config: RunConfig, tracker: Tracker) -> Tick:
-    """The chain of the run `config`, with poses from `tracker`; coils are off until its driver is opened.
+    """Build the control chain of the run `config`, with poses from `tracker`; coils are off until its driver is opened.
 
-    What the calibration measured is used by everything but the simulated device, which keeps its file's values.
+    The calibrated values are used by everything but the simulated device, which uses the values of its file.
     """
     from haptorb.runtime.drivers.sim import SimDriver  # the simulation is loaded only where it runs
 
@@ -29,7 +29,7 @@ def assemble(config: RunConfig, tracker: Tracker) -> Tick:
     check_driver(config.driver)
     if isinstance(tracker, PointerTracker):
         tracker.guide = config.hand or guide_hand(device)
-    # Whether a board has sensors of so many axes shows when it is opened.
+    # The number of axes of a board's sensors is checked when the driver opens it.
     axes = list_estimators(device)[check_estimator(device, config.estimator)].axes
     driver = (
         real_driver(config.driver, device, tracker.pose, hall_axes=axes, watchdog=config.watchdog)
@@ -40,11 +40,11 @@ def assemble(config: RunConfig, tracker: Tracker) -> Tick:
 
 
 def make_tick(config: RunConfig, driver: Driver) -> Tick:
-    """The chain of the run `config` behind `driver`."""
+    """Build the control chain of the run `config` on `driver`."""
     device, calibration, name = config.device, config.calibration, config.estimator
     believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
-    # A recording brings what its estimator had learned: this computer need not have it.
+    # A recording contains what its estimator had learned: this computer need not have it.
     known = name if config.learned and name else check_estimator(device, name)
     with one_block():
         return Tick(

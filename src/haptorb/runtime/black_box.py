@@ -1,4 +1,4 @@
-"""The ticks before a trip: the last hundred up to each trip, in memory and, if requested, in a file.
+"""Black box: the last hundred ticks up to each trip, in memory and, if requested, in a file.
 
 The heartbeat's thread detects trips; it must never wait for a disk, so another thread writes the files.
 """
@@ -25,14 +25,14 @@ from haptorb.runtime.tick_state import TickState
 __all__ = ["EVERY", "TICKS", "BlackBox", "StateKeeper", "TripRecord"]
 
 
-TICKS = 100  #: kept up to each trip
-_START = 400  #: ticks after the start, within which the file has them all
-_MAX_FILES = 50  #: files of earlier trips that stay in the folder
+TICKS = 100  #: ticks stored up to and including each trip
+_START = 400  #: a trip within this many ticks of the start: the file contains all ticks since the start
+_MAX_FILES = 50  #: files of earlier trips that are retained in the folder
 
 
 @record
 class TripRecord:
-    """One trip and the ticks before it.
+    """A trip and the ticks before it.
 
     t      of the trip, on the loop's clock [s]
     trip   its reason
@@ -49,7 +49,7 @@ class TripRecord:
 
 @final
 class BlackBox:
-    """Watches `shared` of a loop of `rate` [Hz]; files go into `folder` (created when needed), None: no files.
+    """Detects trips in `shared` of a loop at `rate` [Hz], and writes files to `folder` (created if needed), if given.
 
     `named` is the prefix of the file names; `notes` are the metadata of their recordings. A file begins some ticks
     earlier than the rows in `trips`, at a stored state of the loop, so that it can be replayed.
@@ -64,25 +64,25 @@ class BlackBox:
         notes: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         self.trips: list[TripRecord] = []  #: the first 64, in order
-        self.files: list[Path | None] = []  #: where each of them is; None: nowhere yet, or it could not be written
+        self.files: list[Path | None] = []  #: file of each trip; None: not written yet, or it could not be written
         self._shared, self._named, self._rate, self._folder = shared, named, rate, folder
         self._notes = notes or {}
         self._writers: list[threading.Thread] = []
-        self._looking = threading.Lock()
+        self._collecting = threading.Lock()
 
-    def look(self) -> None:
+    def collect(self) -> None:
         """Collect the trips since the last call."""
-        with self._looking:
+        with self._collecting:
             while len(self.trips) < min(self._shared.words[Word.TRIPS], TRIPS):
-                self._take(*self._shared.trips[len(self.trips)].tolist())
+                self._record(*self._shared.trips[len(self.trips)].tolist())
 
     def finish(self) -> None:
-        """Collect the last trips; returns when all files are written."""
-        self.look()
+        """Collect the last trips; return when all files are written."""
+        self.collect()
         for writer in self._writers:
             writer.join()
 
-    def _take(self, t: float, code: float) -> None:
+    def _record(self, t: float, code: float) -> None:
         ring, at = self._shared.ring, self._shared.layout["t"].start
         _, rows = ring.read_since(0)
         until = rows[rows[:, at] <= t + 1e-9] if len(rows) else rows
@@ -98,8 +98,7 @@ class BlackBox:
             self._writers.append(writer)
 
     def _find_beginning(self, t: float, rows: Array) -> tuple[int, dict[str, str]]:
-        """Index [1] of the row with which the file of the trip at `t` [s] begins, and what the chain remembered
-        then."""
+        """Index [1] of the first row in the file of the trip at `t` [s], and the state of the chain at that row."""
         ticks = rows[:, self._shared.layout["tick"].start]
         kept = self._shared.states.read_trip(t)
         if kept is not None and len(found := np.flatnonzero(ticks == kept[0])):
@@ -122,25 +121,25 @@ class BlackBox:
                 recorder = Recorder(file, self._shared.layout, self._rate, time_ns() - monotonic_ns())
                 trip = tripped.trip
                 for note, values in self._notes.items():
-                    recorder.note(note, values)
+                    recorder.add_metadata(note, values)
                 for change, text in worlds:
-                    recorder.note("world", {"change": str(change), "tick": "", "world": text})
+                    recorder.add_metadata("world", {"change": str(change), "tick": "", "world": text})
                 reason = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": known["error"]}
-                recorder.note("trip", reason)
+                recorder.add_metadata("trip", reason)
                 if "arrays" in known:
-                    recorder.note(LAYOUT_NOTE, {"arrays": known["layout"]})
-                    recorder.note(STATE_NOTE, {"tick": known["tick"], "arrays": known["arrays"]})
+                    recorder.add_metadata(LAYOUT_NOTE, {"arrays": known["layout"]})
+                    recorder.add_metadata(STATE_NOTE, {"tick": known["tick"], "arrays": known["arrays"]})
                 recorder.append(rows)
                 recorder.finish()
             self.files[number] = folder / name
             for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MAX_FILES]:
                 old.unlink(missing_ok=True)
         except OSError:
-            return  # a full disk is no reason to disturb a run; the rows are in `trips` all the same
+            return  # a full disk must not disturb a run; the rows are in `trips` regardless
 
 
 # --------------------------------------------------------------------------------------------------
-# Snapshots of the chain every so many ticks: from there a recording, or a trip's black box, can be run again.
+# Periodic snapshots of the chain's state, from which a recording or the black box of a trip can be replayed.
 
 
 EVERY: Final = 256  #: ticks from one snapshot to the next
@@ -148,10 +147,10 @@ EVERY: Final = 256  #: ticks from one snapshot to the next
 
 @final
 class StateKeeper:
-    """Copies `state` every 256 ticks into the next of `slots`, where the recorder finds it: memory that is there.
+    """Copies `state` every 256 ticks into the next of `slots`, preallocated memory that the recorder reads.
 
-    A snapshot that is too long for the slots is not taken: then recordings of a device with very many sensors replay
-    from their beginning only.
+    No snapshots are made if they are larger than a slot: recordings of a device with very many sensors can then be
+    replayed from their beginning only.
     """
 
     def __init__(self, state: TickState, slots: StateSlots) -> None:
@@ -161,11 +160,11 @@ class StateKeeper:
         if self._fits:
             slots.layout.write(state.layout)
             self._places = [state.find_places(body) for body in slots.bodies]
-            for places in self._places:  # what it loads, it loads now
+            for places in self._places:  # loads code and pages now, not in a tick
                 state.copy_to(places)
 
-    def look(self, tick: int) -> None:
-        """`tick` is over, and there is time before the next."""
+    def update(self, tick: int) -> None:
+        """Copy the state if a snapshot is due; call after `tick`, while there is time before the next."""
         if tick >= self._due and self._fits:
             self._due = tick + EVERY
             self._count += 1
@@ -173,6 +172,6 @@ class StateKeeper:
             self._state.copy_to(self._places[self._count % SLOTS])
             self._slots.end(self._count, tick)
 
-    def tell(self, tick: int, t: float) -> None:
-        """`tick` at `t` [s] has tripped: the newest snapshot from before its black box is the one to begin with."""
+    def mark_trip(self, tick: int, t: float) -> None:
+        """Record a trip in `tick` at `t` [s]: the replay of its black box begins at the newest snapshot before it."""
         self._slots.mark_trip(self._count, tick - TICKS, t)

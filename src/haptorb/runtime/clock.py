@@ -1,8 +1,8 @@
-"""Waiting for an absolute deadline: the kernel's sleep to shortly before it, then a short spin.
+"""Waits for an absolute deadline: a kernel sleep until shortly before it, then a short spin.
 
-`time.sleep` comes back 80 µs late; a sleep to an absolute time that ends early, and a spin over what is left, is a
-few microseconds late. What can be done before the deadline is done between the two. The spin is a small part of the
-period at any rate: a thread that spins a whole period under a real-time scheduler is throttled by the kernel for 50 ms
+`time.sleep` returns 80 µs late; a sleep to an absolute time that ends early, and a spin over the remaining time, is a
+few microseconds late. Work that needs no deadline is done between the two. The spin is always a small part of the
+period: a thread that spins a whole period under a real-time scheduler is throttled by the kernel for 50 ms
 and more.
 """
 
@@ -20,7 +20,7 @@ __all__ = ["FASTEST", "SLOWEST", "Clock", "Schedule", "check_rate"]
 
 
 # --------------------------------------------------------------------------------------------------
-# Absolute deadlines as whole nanoseconds: which deadline is next, and how many went by. No clock in here.
+# Schedule of absolute deadlines in integer nanoseconds; it reads no clock.
 
 
 SLOWEST = 50.0  #: [Hz]
@@ -28,7 +28,7 @@ FASTEST = 4000.0  #: [Hz]
 
 
 def check_rate(rate: float) -> float:
-    """`rate` [Hz] itself, or InputError.
+    """Return `rate` [Hz]; raise InputError if it is outside the valid range.
 
     >>> check_rate(1000)
     1000.0
@@ -42,16 +42,16 @@ def check_rate(rate: float) -> float:
 
 @final
 class Schedule:
-    """Deadlines at origin + n / rate, independent of what happens between them: the phase never changes.
+    """Deadlines at origin + n / rate, without drift: the phase is independent of the duration of ticks.
 
-    A deadline that passes while a tick still runs is skipped and counted. It is never made up for: a burst of late
-    ticks would hit the coils with old commands.
+    A deadline that passes while a tick still runs is skipped and counted, without catch-up: a burst of late ticks
+    would apply outdated commands to the coils.
     """
 
     def __init__(self, rate: float, origin: int) -> None:
         self.period = round(1e9 / check_rate(rate))  #: [ns]
         self.origin = origin  #: monotonic time of deadline 0 [ns]
-        self.number = -1  #: the deadline whose tick ran last, or runs
+        self.number = -1  #: deadline of the last or current tick
         self.missed = 0  #: deadlines missed since the start
 
     def deadline(self, number: int) -> int:
@@ -59,7 +59,7 @@ class Schedule:
         return self.origin + number * self.period
 
     def next(self, now: int) -> int:
-        """The first deadline that is neither used nor past at `now` [ns], as a monotonic time [ns].
+        """The first unused deadline that is not past at `now` [ns], as a monotonic time [ns].
 
         >>> schedule = Schedule(1000.0, origin=0)
         >>> schedule.next(-1), schedule.next(2_500_000)
@@ -68,7 +68,7 @@ class Schedule:
         return self.deadline(max(self.number + 1, -((self.origin - now) // self.period)))
 
     def time(self, deadline: int) -> float:
-        """A deadline on the loop's clock, which shows zero at deadline 0 [s]; the same number for the same deadline.
+        """Time of a deadline on the loop's clock, which is zero at deadline 0 [s]; reproducible to the bit.
 
         >>> Schedule(1000.0, origin=5_000_000).time(8_000_000)
         0.003
@@ -76,9 +76,9 @@ class Schedule:
         return (deadline - self.origin) * 1e-9
 
     def begin(self, now: int) -> tuple[int, int]:
-        """Begin a tick at `now` [ns]: (lateness [ns], deadlines missed since the last tick).
+        """Begin a tick at `now` [ns]; return (lateness [ns], deadlines missed since the last tick).
 
-        The tick belongs to the latest deadline that has come; sleeping through several skips all but that one.
+        The tick is that of the latest deadline reached; earlier ones that were slept through are skipped.
         """
         number = max((now - self.origin) // self.period, self.number + 1)
         skipped = number - self.number - 1
@@ -89,7 +89,7 @@ class Schedule:
 
 _CLOCK_MONOTONIC = 1
 _TIMER_ABSTIME = 1
-_SPIN = 60_000  #: longest spin [ns]
+_MAX_SPIN_NS = 60_000  #: longest spin [ns]
 
 
 class _Timespec(ctypes.Structure):
@@ -98,24 +98,24 @@ class _Timespec(ctypes.Structure):
 
 @final
 class Clock:
-    """Deadlines at a fixed rate on the computer's monotonic clock; the first is one period from now.
+    """Periodic deadlines on the computer's monotonic clock; the first is one period from now.
 
-    `lead` [s]: how long before each deadline the sleep ends, if a quarter of the period is not shorter.
+    `lead` [s]: time before each deadline at which the sleep ends, at most a quarter of the period.
     """
 
     def __init__(self, rate: float, lead: float = 0.0) -> None:
         self.schedule = Schedule(rate, 0)
         self.schedule.origin = monotonic_ns() + self.schedule.period
-        self._early = max(min(_SPIN, self.schedule.period // 8), min(int(lead * 1e9), self.schedule.period // 4))
+        self._early = max(min(_MAX_SPIN_NS, self.schedule.period // 8), min(int(lead * 1e9), self.schedule.period // 4))
         self._deadline = self.schedule.origin
-        self._until = _Timespec()  # one for the life of the loop: nothing is allocated per tick
+        self._until = _Timespec()  # reused: no allocation per tick
         self._at = ctypes.addressof(self._until)
         self._nanosleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep  # here: only Linux has it
         self._nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
         self._nanosleep.restype = ctypes.c_int
 
     def sleep(self) -> float:
-        """Sleep until shortly before the next deadline, signals or not; returns it on the loop's clock [s]."""
+        """Sleep until shortly before the next deadline, despite signals; return it on the loop's clock [s]."""
         schedule, until = self.schedule, self._until
         self._deadline = deadline = schedule.next(monotonic_ns())
         until.seconds, until.nanoseconds = divmod(deadline - self._early, 1_000_000_000)
@@ -124,7 +124,7 @@ class Clock:
         return schedule.time(deadline)
 
     def wait(self) -> tuple[int, int, int]:
-        """Wait for the deadline that `sleep` returned; returns (now [ns], lateness [ns], deadlines missed)."""
+        """Spin until the deadline that `sleep` returned; return (now [ns], lateness [ns], deadlines missed)."""
         deadline = self._deadline
         now = monotonic_ns()
         while now < deadline:

@@ -53,7 +53,7 @@ _MAX_WORLD_NOTE_CHARACTERS = 1_000_000
 @final
 @dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """Description of a run: what the loop is made from, and what a recording states of it.
+    """Description of a run: everything from which the loop is built, and that a recording states.
 
     `of` makes one from names and files, checked; `replace` of `dataclasses` changes one. `notes` writes it into a
     recording, `from_notes` reads it from there.
@@ -206,15 +206,15 @@ class RunConfig:
         model = known.check_tick_model(model or known.tick_models[0])
         measured = read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         if measured is not None:
-            measured.apply(electromagnet(known, "a calibration"))  # refuses another device's
+            measured.apply(electromagnet(known, "a calibration"))  # raises for a calibration of another device
         if gains is not None:
-            make_linkage(known, gains)  # refuses what does not fit
+            make_linkage(known, gains)  # raises if they do not fit the device
         part = None if render is None else check_part(render)
-        make_choice(known, part, torque_arm)  # refuses what does not fit
+        make_choice(known, part, torque_arm)  # raises if they do not fit the device
         first, file = choose_world(known.kind.world if world is None else world)
         coupling = CouplingSetting(known, rate, check_grip(grip), estimator, has_feed(tracker), latency)
         first = coupling.couple(first)
-        check_world_period(fit_world(first, known), 1.0 / rate)  # refuses what the device cannot render
+        check_world_period(fit_world(first, known), 1.0 / rate)  # raises if the device cannot render the world
         prediction = check_prediction(prediction)
         transform = read_frame(frame) if isinstance(frame, str | Path) else frame
         if transform is not None:
@@ -273,12 +273,12 @@ class RunConfig:
 
     @property
     def is_real(self) -> bool:
-        """Whether a real device is driven. Its field sensors are read in turns."""
+        """Whether a real device is driven. Its field sensors are multiplexed."""
         return is_real(self.driver)
 
     @property
     def has_feed(self) -> bool:
-        """Whether the pose comes from a tracker with a process of its own."""
+        """Whether the pose comes from a tracker in a separate process."""
         return has_feed(self.tracker)
 
     def simulated(self) -> RunConfig:
@@ -328,7 +328,7 @@ class RunConfig:
 
 
 def check_seed(seed: int) -> int:
-    """`seed` itself; InputError unless it is a whole number, 0 or more."""
+    """Return `seed`; raise InputError unless it is a non-negative integer."""
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed must be a whole number, 0 or more; got {seed!r}")
     return seed
@@ -337,7 +337,7 @@ def check_seed(seed: int) -> int:
 def choose_world(
     given: str | World | WorldFile | SceneFile | FileWithRemote | Callable[[State], Array],
 ) -> tuple[World, WorldFile | SceneFile | None]:
-    """The world `given` by name or object, and its file if it comes from one.
+    """Resolve the world `given` by name or object; return it, and its file if it comes from one.
 
     A function as a world returns (6,) [N, N·m]. Raises UnknownName or InputError as `find_world`, `make_world` and
     `WorldFile.load` do.
@@ -350,11 +350,11 @@ def choose_world(
 
 
 # --------------------------------------------------------------------------------------------------
-# Texts of a recording.
+# Parsing of the metadata of a recording.
 
 
 def read_object(run: Mapping[str, str], key: str) -> dict[str, Any]:
-    """The JSON object in the text `key` of `run`; empty if there is none."""
+    """Parse the JSON object in the text `key` of `run`; empty if there is none."""
     try:
         found = json.loads(run.get(key) or "{}")
     except (ValueError, RecursionError):
@@ -363,7 +363,7 @@ def read_object(run: Mapping[str, str], key: str) -> dict[str, Any]:
 
 
 def find_number(run: Mapping[str, str], key: str) -> float | None:
-    """The positive number in the text `key` of `run`; None if there is none."""
+    """Parse the positive number in the text `key` of `run`; None if there is none."""
     try:
         number = float(run.get(key, ""))
     except ValueError:

@@ -1,11 +1,11 @@
-"""What compiles beside a servo: `python -m haptorb.runtime.first_start WHAT FOLDER PARENT`.
+"""Compiler process beside a servo: `python -m haptorb.runtime.first_start WHAT FOLDER PARENT`.
 
-`controller`: at a first start. The servo's process rehearses its simulated device first and the controller after it;
-meanwhile this one has the controller compiled. What one of them has compiled lies in the cache for the other, so that
-two processors need little more than half the time. It is killed when the loop runs.
+`controller`: at a first start. The servo's process warms up its simulated device first and the controller after it;
+meanwhile this one compiles the controller. They share the cache of compiled code, so that two processors need little
+more than half the time. It is killed when the loop runs.
 
-`catalogue`: from then on, the worlds that the servo has not found in the cache, at the lowest priority. The one that
-is waited for comes next.
+`catalogue`: from then on, the worlds that the servo has not found in the cache, at the lowest priority. A requested
+world is compiled next.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ __all__ = ["CATALOGUE", "CONTROLLER"]
 
 CONTROLLER, CATALOGUE = "controller", "catalogue"
 _NICE = 19  #: nice value
-_MAX_WAIT_S = 20.0  #: at most, for another program that compiles the same [s]
-_LOCK_RETRY_INTERVAL_S = 0.1  #: between two looks whether it does [s]
+_MAX_WAIT_S = 20.0  #: longest wait for another process that compiles the same
+_LOCK_RETRY_INTERVAL_S = 0.1  #: between two tries to lock
 
 
 def main(what: str, folder: Path, parent: int) -> int:
-    """Compile `what` for the plan in `folder` until that is done or the parent has gone."""
+    """Compile `what` for the plan in `folder` until done or the parent has ended."""
     die_with_parent()
-    gc.disable()  # as in the servo's process: nearly all objects that compiling makes last
+    gc.disable()  # as in the servo's process: nearly all objects that compiling makes are permanent
     compilation = Compilation(plan.load(folder / PLAN).config)
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:
@@ -49,7 +49,7 @@ def main(what: str, folder: Path, parent: int) -> int:
 
 
 def _compile_catalogue(compilation: Compilation, folder: Path) -> Iterator[str]:
-    """World after world, each with a note in `folder` that its code is there."""
+    """Compile the worlds one by one; mark each in `folder` when its code is available."""
     for name in compilation.compile_catalogue(lambda: _read_wanted(folder / WANTED)):
         with suppress(OSError):  # the servo has ended
             code_note(folder, name).touch()
@@ -57,8 +57,8 @@ def _compile_catalogue(compilation: Compilation, folder: Path) -> Iterator[str]:
 
 
 def _take_turn() -> None:
-    """One process at a time compiles the catalogue: the next one finds it in the cache."""
-    with suppress(OSError):  # no cache folder that can be written
+    """Wait for exclusive access: one process at a time compiles the catalogue, the next finds it in the cache."""
+    with suppress(OSError):  # no writable cache folder
         descriptor = os.open(cache_folder() / "compiling", os.O_CREAT | os.O_RDWR, 0o600)
         import fcntl  # not at the top: Windows has none
 
@@ -67,7 +67,7 @@ def _take_turn() -> None:
             with suppress(BlockingIOError):
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until this process ends
                 return
-            sleep(_LOCK_RETRY_INTERVAL_S)  # not in the kernel: who waits for a lock looks like one that hangs
+            sleep(_LOCK_RETRY_INTERVAL_S)  # no blocking lock: the hang detection would count a blocked process as hung
 
 
 def _read_wanted(path: Path) -> str:

@@ -23,11 +23,11 @@ __all__ = ["HandCommands", "PoseRepeater"]
 
 
 # --------------------------------------------------------------------------------------------------
-# A thread that writes the pose of the hand again and again, so that it does not expire while a program runs.
+# Repeater thread: renews the pose of the hand periodically, so that it does not expire while a program runs.
 
 
 _PERIOD_S = 0.005  #: between two poses
-_JOIN_TIMEOUT_S = 0.5  #: for a path's function that computes just now
+_JOIN_TIMEOUT_S = 0.5  #: for a call of a path's function in progress
 _PACKAGE = str(Path(__file__).parents[1])
 
 
@@ -35,12 +35,12 @@ _PACKAGE = str(Path(__file__).parents[1])
 class PoseRepeater:
     """Writes the pose `motion(t)`, with t [s] from the start, every 5 ms until `end`, or until `motion` raises.
 
-    write       takes this repeater, the position (3,) [m] and the quaternion (4,); it drops what comes after `end`
+    write       called with this repeater, the position (3,) [m] and the quaternion (4,); drops calls after `end`
     expiry      of a pose [s]
-    users_code  whether `motion` is a user's: then the thread asks for no priority, because its duration is unknown
+    users_code  whether `motion` is user code: then the thread requests no priority, because its duration is unknown
 
-    The thread runs in the program that asks for the motion. When that ends, stops or hangs, the pose is no longer
-    renewed, it expires, and the guard switches off. The same happens when `motion` raises: `trouble` then holds
+    The thread runs in the program that commands the motion. When that ends, stops or hangs, the pose is no longer
+    renewed, it expires, and the guard switches off. The same happens when `motion` raises: `trouble` then states
     the reason.
     """
 
@@ -62,7 +62,7 @@ class PoseRepeater:
         self._first = self._motion_at(0.0)
 
     def start(self) -> None:
-        """Write the first pose now, and the others from a thread."""
+        """Write the first pose now, and the following ones in a thread."""
         self._start_time = monotonic()
         self._write(self, self._first)
         self._thread.start()
@@ -72,13 +72,13 @@ class PoseRepeater:
         self._ending.set()
 
     def join(self) -> None:
-        """After `end`: wait until the thread has ended, unless a user's function does not return."""
+        """After `end`: wait until the thread has ended, at most for the join timeout if user code does not return."""
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(_JOIN_TIMEOUT_S)
 
     def _repeat(self) -> None:
         if not self._users_code:
-            raise_priority()  # on a busy computer an ordinary thread may wait longer than a pose is valid
+            raise_priority()  # on a busy computer an ordinary thread may wait longer than the expiry of a pose
         while not self._ending.wait(self._every):
             try:
                 pose = self._motion_at(monotonic() - self._start_time)
@@ -92,12 +92,12 @@ class PoseRepeater:
             return self._motion(t)
         except InputError as cause:
             raise InputError(f"path at {t:.3f} s: {cause}") from cause
-        except Exception as cause:  # a user's code
+        except Exception as cause:  # user code
             raise InputError(f"path at {t:.3f} s: {type(cause).__name__}: {cause}{_locate(cause)}") from cause
 
 
 def _locate(cause: BaseException) -> str:
-    """The innermost line of the user's code that raised."""
+    """Describe the innermost line of user code that raised."""
     frames = [one for one in traceback.extract_tb(cause.__traceback__) if not one.filename.startswith(_PACKAGE)]
     if not frames:
         return ""
@@ -106,10 +106,10 @@ def _locate(cause: BaseException) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# Commands of the host to the hand: go to a pose, stay there, or follow a path.
+# Commands of the host to the hand.
 
 
-_MAX_PATIENCE_S = 1.0  #: a hand without a pose for longer is lost, even a simulated one
+_MAX_PATIENCE_S = 1.0  #: maximum keep-alive of a simulated hand without a new pose
 
 
 @final
@@ -240,7 +240,7 @@ class HandCommands:
 
     @property
     def _farthest(self) -> float:
-        """From the centre [m]; a motor's handle points towards a place, however far that is."""
+        """Largest valid distance from the centre [m]; unlimited for a motor, whose handle only points towards `p`."""
         return float("inf") if self._config.device.kind.modes else FARTHEST
 
     def _check_pose(self, p: ArrayLike, q: ArrayLike | None) -> HandPose:
@@ -265,7 +265,7 @@ class HandCommands:
         repeater.start()
 
     def _write(self, repeater: PoseRepeater, pose: HandPose, patience: float) -> None:
-        """The pose of the repeater that is in force; another one's is dropped."""
+        """Write the pose of the active repeater; drop that of any other."""
         with self._writing:
             if repeater is self._repeater:
                 self._memory().pointer.write(True, *pose, monotonic(), patience)
@@ -276,7 +276,7 @@ class HandCommands:
             self._repeater = None
 
     def end(self) -> None:
-        """Write no more poses: the servo closes."""
+        """Stop writing poses, when the servo closes."""
         repeater = self._repeater
         with self._writing:
             self._end_repeater()

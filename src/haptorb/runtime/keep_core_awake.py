@@ -1,12 +1,12 @@
-"""A core that does not fall asleep between ticks: a small process that waits on it, behind everybody else.
+"""Keeps the servo's CPU core out of idle states (C-states) between ticks: a process that spins at idle priority.
 
-A core with nothing to do is halted. When it wakes for the next tick its clock is slow, its caches have been emptied,
+An idle core is halted. When it wakes for the next tick its clock is slow, its caches have been flushed,
 and in a virtual machine other work ran there meanwhile: the same tick takes about twice as long as on a
-core that stayed awake. Real-time people boot with `idle=poll` against this; here a process of its own spins on the
-servo's core under the kernel's idle policy, which gives way to everything else that runs there, the servo first.
+core that stayed awake. Real-time systems are booted with `idle=poll` against this; here a separate process spins on
+the servo's core under the kernel's idle policy (SCHED_IDLE), so that everything else on that core preempts it.
 
-The kernel fetches work to a core at the moment at which it falls idle; one that never does gets its share late. So the
-process steps aside while the other cores are busy: the programs there need this one too.
+The kernel migrates work to a core when it becomes idle; a core that never does gets its share late. So the process
+yields while the other cores are loaded: the programs there need this core too.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ import time
 
 __all__ = ["CoreWaker", "busy_share"]
 
-_CHECK_INTERVAL_S = 0.1  #: between two looks at the other cores [s]
-_ASIDE = 0.5  #: for so long it steps aside before it looks again [s]
-_MUCH = 0.5  #: share of the other cores' time from which on they have much to do
+_CHECK_INTERVAL_S = 0.1  #: between two checks of the load of the other cores
+_YIELD_TIME_S = 0.5  #: sleep while the other cores are loaded
+_MAX_LOAD = 0.5  #: load of the other cores above which this process yields
 _PR_SET_PDEATHSIG = 1
 
-Times = tuple[int, int]  #: the kernel's ticks in which the other cores were busy, and all
+Times = tuple[int, int]  #: busy time and total time of the other cores [kernel ticks]
 
 
 class CoreWaker:
-    """Keeps `core`, to which this process is bound, awake until `end`; −1: it is bound to none, and none is kept.
+    """Keeps `core`, to which this process is bound, awake until `end`; −1: it is bound to none, and nothing is done.
 
-    `awake` says whether that could be had.
+    `awake` states whether that succeeded.
     """
 
     def __init__(self, core: int) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         if os.sched_getaffinity(0) != {core} or not hasattr(os, "SCHED_IDLE"):
             return
-        # Without the package and its libraries: it is up within milliseconds and needs a few megabytes.
+        # Imports neither the package nor its libraries: it starts within milliseconds and needs a few megabytes.
         program = [sys.executable, "-I", "-S", __file__, str(os.getpid()), str(core)]
         try:
             self._process = subprocess.Popen(program, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -47,18 +47,18 @@ class CoreWaker:
 
     @property
     def awake(self) -> bool:
-        """Whether another process waits for the core."""
+        """Whether the process that keeps the core awake runs."""
         return self._process is not None and self._process.poll() is None
 
     def end(self) -> None:
-        """The core may sleep. May be called twice."""
+        """End the process. May be called twice."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
 
 def busy_share(before: Times, after: Times) -> float:
-    """Share of the time between two looks in which the other cores had something to do; 0 for no time at all.
+    """Load of the other cores between two readings, 0 to 1; 0 if no time has passed.
 
     >>> busy_share((100, 1000), (130, 1040))
     0.75
@@ -68,7 +68,7 @@ def busy_share(before: Times, after: Times) -> float:
 
 
 def _read_other_cores(core: int) -> Times:
-    """What the kernel has counted for all cores but `core`."""
+    """Read the kernel's counters of all cores but `core`."""
     worked, passed = 0, 0
     with open("/proc/stat") as stat:
         for line in stat:
@@ -85,7 +85,7 @@ def _read_other_cores(core: int) -> Times:
 
 def _wait(parent: int, core: int) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the servo's, which ends this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the servo, which ends this process
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     before = _read_other_cores(core)
     while os.getppid() == parent:
@@ -93,8 +93,8 @@ def _wait(parent: int, core: int) -> None:
         while time.monotonic() < until:
             pass
         after = _read_other_cores(core)
-        if busy_share(before, after) > _MUCH:
-            time.sleep(_ASIDE)
+        if busy_share(before, after) > _MAX_LOAD:
+            time.sleep(_YIELD_TIME_S)
             after = _read_other_cores(core)
         before = after
 

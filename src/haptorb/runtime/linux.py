@@ -1,4 +1,4 @@
-"""What only Linux can do, and the message on other systems."""
+"""Linux facilities of the real-time loop (scheduling, timers, signals), and the message on other systems."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ WORKS_ANYWHERE = (
     "`haptorb` inspect, devices, worlds, keys, show, info, export, replay, view, check --world, design (all but show), "
     "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
     "Python all but haptorb.Servo and real drivers"
-)  #: printed on other systems, and true there
+)  #: printed on other systems
 _NAMES = {"darwin": "macOS", "win32": "Windows"}
 
 
@@ -77,17 +77,16 @@ def require_linux(what: str, instead: str = WORKS_ANYWHERE) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# One core for one servo: a process that takes a core announces it to all others on the computer, for as long as it
-# runs.
+# One core for one servo: a process claims its core for as long as it runs, visible to all others on the computer.
 
 
 _held: list[socket.socket] = []  # until the process ends
 
 
 def claim(cores: Iterable[int]) -> int:
-    """The first of `cores` that no other servo holds, from here on this process's; −1 if there is none.
+    """Claim the first of `cores` that no other servo has claimed; return it, or −1 if there is none.
 
-    The mark is a name in the kernel's abstract namespace: no file, and gone with the process however it ends.
+    The claim is a name in the kernel's abstract socket namespace: no file, and released however the process ends.
     """
     for core in cores:
         mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -102,9 +101,9 @@ def claim(cores: Iterable[int]) -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a process may ask of the kernel to be punctual; what is not permitted is skipped and reported.
+# Real-time settings of a process; those that are not permitted are skipped and reported.
 #
-# What only Linux has is loaded when it is asked for: programs without a loop import this module on other systems, too.
+# Linux functions are loaded on use: programs without a loop import this module on other systems, too.
 
 
 Facts = dict[str, str | bool | int]
@@ -112,7 +111,7 @@ Facts = dict[str, str | bool | int]
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PRIORITY = 40  #: below the kernel's own interrupt threads (50)
-_RUNAWAY = 3_000_000  #: of a processor under the real-time scheduler without one wait [µs]
+_MAX_RT_TIME_US = 3_000_000  #: longest processor time under the real-time scheduler without a blocking call
 
 
 @cache
@@ -121,18 +120,18 @@ def _libc() -> ctypes.CDLL:
 
 
 def request_real_time(*, real_time: bool = True) -> Facts:
-    """Ask for exact timers, a real-time scheduler and memory that stays; returns what was granted.
+    """Request exact timers, a real-time scheduler and locked memory; return what was granted.
 
-    Without a real-time scheduler the process is not bound to a core either: the kernel could then not move it away
-    from a busy one. Nor is it where other servos hold all cores: two real-time loops on one core wait for each other.
+    Without a real-time scheduler the process is not bound to a core either: the kernel could then not migrate it from
+    a busy one. Nor is it where other servos have claimed all cores: two real-time loops on one core delay each other.
     """
     slack = request_exact_timers()
     fifo = real_time and _fifo(_PRIORITY)
     if fifo:
-        # Who computes for so long without ever waiting does not come back: the kernel kills it.
+        # A process that computes this long without blocking is in an endless loop: the kernel kills it.
         import resource
 
-        resource.setrlimit(resource.RLIMIT_RTTIME, (_RUNAWAY, _RUNAWAY))
+        resource.setrlimit(resource.RLIMIT_RTTIME, (_MAX_RT_TIME_US, _MAX_RT_TIME_US))
     return {
         "policy": "SCHED_FIFO" if fifo else "SCHED_OTHER",
         "priority": _PRIORITY if fifo else 0,
@@ -144,21 +143,21 @@ def request_real_time(*, real_time: bool = True) -> Facts:
 
 
 def request_exact_timers() -> bool:
-    """Ask that timers of this thread are not late; False if refused."""
-    # The default lets timers come up to 50 µs late so that wake-ups can be joined.
+    """Set the timer slack of this thread to its minimum; False if refused."""
+    # By default, timers may be up to 50 µs late so that wake-ups can be coalesced.
     return bool(_libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0)
 
 
 def raise_priority(number: int = 0) -> bool:
-    """Ask for this thread, or the process `number`, to come before ordinary ones, behind every loop; False if refused.
+    """Raise the priority of this thread, or of the process `number`, above ordinary ones and below every loop.
 
-    For what sleeps nearly always.
+    False if refused. For threads that sleep nearly always.
     """
     return _fifo(1, number)
 
 
 def lower_priority() -> None:
-    """This process takes its turn like any other again."""
+    """Return this process to the ordinary scheduler."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
@@ -172,20 +171,20 @@ def _fifo(priority: int, number: int = 0) -> bool:
 
 
 def _lock_memory() -> bool:
-    # With a finite limit the lock on future pages would make later allocations fail: worse than a page fault.
+    # With a finite limit, locking future pages would make later allocations fail: worse than a page fault.
     import resource
 
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if soft != resource.RLIM_INFINITY and os.geteuid() != 0:
         return False
-    # On fault: pages that are used stay; the compiler's unused ones need not come in.
+    # On fault: used pages stay in memory; the compiler's unused ones need not be loaded.
     return bool(_libc().mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)
 
 
 def _bind() -> int:
-    """Stay on the last core that is allowed and free of other servos, but not on the first, which interrupts like.
+    """Bind to the last allowed core that no other servo has claimed, except the first, which serves most interrupts.
 
-    −1 if there is none: the kernel then chooses.
+    Return it; −1 if there is none: the kernel then chooses.
     """
     core = claim(sorted(os.sched_getaffinity(0))[:0:-1])
     if core < 0:
@@ -198,9 +197,9 @@ def _bind() -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# A timer in the kernel that kills this process unless it is set again in time, whatever runs inside it.
+# Kernel watchdog timer: kills this process unless it is set again in time, whatever runs inside it.
 #
-# No code of the process takes part in its end: not its signal handlers, which Python runs only between two of its own
+# No code of the process is involved: not its signal handlers, which Python runs only between two of its own
 # instructions, and not a thread, which would wait for the interpreter's lock. SIGKILL can neither be caught, nor
 # blocked, nor ignored, and the timer also runs while the process is stopped. A forked child does not inherit it.
 
@@ -224,7 +223,10 @@ class _Times(ctypes.Structure):
 
 @final
 class KillTimer:
-    """Does nothing until `set` is called for the first time. Raises ServoError if the kernel has no such timers."""
+    """Watchdog that ends this process by SIGKILL; armed by the first `set`.
+
+    Raises ServoError if the kernel has no such timers.
+    """
 
     def __init__(self) -> None:
         libc = ctypes.CDLL(None, use_errno=True)
@@ -237,38 +239,38 @@ class KillTimer:
             raise ServoError(f"the kernel provides no timer to end a servo that hangs: timer_create failed ({why})")
         self._settime = libc.timer_settime
         self._settime.argtypes = (ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-        self._times = _Times()  # one for all calls: nothing is allocated per tick
+        self._times = _Times()  # reused: no allocation per tick
         self._at = ctypes.addressof(self._times)
 
     def set(self, seconds: float) -> None:
-        """The process ends `seconds` from now unless this is called again before."""
+        """Arm or rearm the timer: the process is killed `seconds` from now unless this is called again before."""
         self._times.first_s, self._times.first_ns = divmod(int(seconds * 1e9), 1_000_000_000)
         self._settime(self._timer, 0, self._at, None)
 
 
 # --------------------------------------------------------------------------------------------------
-# A process with coils in its hand must not outlive the one that started it.
+# Parent death: a process that drives coils must not outlive the one that started it.
 
 
 _PR_SET_PDEATHSIG = 1
 
 
 def die_with_parent(number: signal.Signals | None = None) -> None:
-    """Ask the kernel for the signal `number` when the parent ends; None: for SIGKILL.
+    """Have the kernel send the signal `number` when the parent ends; None: SIGKILL.
 
     The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
-    that lives as long as its program (`starter`); with another signal, ask `is_parent_gone` as well.
+    that lives as long as its program (`starter`); with another signal, check `is_parent_gone` as well.
     """
     _libc().prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number), 0, 0, 0)
 
 
 def is_parent_gone(parent: int) -> bool:
-    """Whether the process `parent` is no longer this one's parent: it ended, however it ended."""
+    """Whether the process `parent` is no longer this one's parent, because it has ended."""
     return os.getppid() != parent
 
 
 def end_group(leader: int) -> None:
-    """Kill all processes of the group that `leader` began, but not the one that calls this."""
+    """Kill all processes of the group of `leader`, except the calling one."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError):
             group = int((folder / "stat").read_text().rpartition(")")[2].split()[2])
@@ -277,18 +279,18 @@ def end_group(leader: int) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# For programs that talk to a firmware from an ordinary process: nothing of their own may hold them up for 15 ms.
+# Settings for programs that communicate with a firmware from an ordinary process: no delay of 15 ms or more.
 
 
-_SWITCH_INTERVAL_S = 1e-4  #: how long a thread may keep the interpreter from another [s]
+_SWITCH_INTERVAL_S = 1e-4  #: longest time for which a thread holds the interpreter lock when another waits
 
 
 def prepare_thread() -> bool:
-    """Come before ordinary threads, and never again look for garbage in what exists now; False if the first is refused.
+    """Raise this thread's priority, and exclude all existing objects from garbage collection; False if refused.
 
-    With all of the package loaded a full look takes 40 ms, and a firmware switches its coils off after 15 ms of
-    silence. What is made from now on is still collected. A thread that draws a progress bar releases the interpreter
-    after 0.1 ms: by Python's own 5 ms, waited for at every reading, three in a row would be silence.
+    With all of the package loaded a full collection takes 40 ms, and a firmware switches its coils off after 15 ms of
+    silence. Objects created from now on are still collected. A thread that draws a progress bar releases the
+    interpreter after 0.1 ms: with Python's default of 5 ms at every reading, three in a row would exceed that limit.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     gc.collect()
@@ -297,14 +299,14 @@ def prepare_thread() -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# A thread that lives as long as the program, and starts its processes.
+# Starter thread: lives as long as the program, and starts its processes.
 #
-# The kernel's parent-death signal comes when the thread ends that started a process. Started by this thread, a process
-# can ask to be killed then, and is killed when the program ends, not when one of its threads does.
+# The kernel sends the parent-death signal when the thread ends that started the process. A process that is started by
+# this thread is therefore killed when the program ends, not when one of its other threads does.
 
 
-_SLICE = 0.05  #: between two looks for an interruption [s]
-_KILLED = 2.0  #: for a process to end that was killed; the kernel may hold one that waits for a disk [s]
+_POLL_INTERVAL_S = 0.05  #: between two checks for an interruption
+_KILL_TIMEOUT_S = 2.0  #: for a killed process to end; the kernel may block one that waits for a disk
 
 Job = tuple[Sequence[str], dict[str, Any], "Future[subprocess.Popen[bytes]]"]
 
@@ -313,8 +315,10 @@ _making = threading.Lock()
 
 
 def start(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
-    """A process, made by that thread as `subprocess.Popen` would with these `options`. A caller that is interrupted
-    meanwhile leaves no process behind."""
+    """Start a process in the starter thread, with the `options` of `subprocess.Popen`.
+
+    If the caller is interrupted meanwhile, the process is killed.
+    """
     future: Future[subprocess.Popen[bytes]] = Future()
     _queue().put((command, options, future))
     try:
@@ -325,22 +329,22 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
 
 
 def start_python(module: str, *arguments: str, isolated: bool = False, **options: Any) -> subprocess.Popen[bytes]:
-    """`python -m module arguments` in a session of its own, with the `options` of `subprocess.Popen`; see
+    """Start `python -m module arguments` in a new session, with the `options` of `subprocess.Popen`; see
     `python_command` for what it can import.
 
-    Ctrl-C in the terminal then reaches the parent alone, which ends its children in order.
+    Ctrl-C in the terminal then reaches only the parent, which ends its children in order.
     """
     command = python_command(module, *arguments, isolated=isolated)
     return start(command, **{"start_new_session": True, "env": environment(), **options})
 
 
 def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted: threading.Event | None = None) -> bool:
-    """Whether `process` has ended within `patience` [s]; False before that when `interrupted`."""
+    """Wait for the end of `process`; False if it has not ended within `patience` [s], or when `interrupted`."""
     end = monotonic() + patience
     while True:
         left = end - monotonic()
         try:
-            process.wait(max(left if interrupted is None else min(left, _SLICE), 0.0))
+            process.wait(max(left if interrupted is None else min(left, _POLL_INTERVAL_S), 0.0))
             return True
         except TimeoutExpired:
             if left <= 0.0 or (interrupted is not None and interrupted.is_set()):
@@ -350,14 +354,14 @@ def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted:
 def end_process(
     process: subprocess.Popen[bytes] | None, patience: float, interrupted: threading.Event | None = None
 ) -> bool:
-    """Wait for `process`, if there is one, for `patience` [s], then kill it; whether it has ended.
+    """Wait for `process`, if there is one, for `patience` [s], then kill it; return whether it has ended.
 
-    One that the kernel holds, as on a disk that does not answer, cannot be ended and is not waited for.
+    One that the kernel blocks, as on a disk that does not respond, cannot be killed and is not waited for.
     """
     if process is None or wait_for_end(process, patience, interrupted):
         return True
     process.kill()
-    return wait_for_end(process, _KILLED)
+    return wait_for_end(process, _KILL_TIMEOUT_S)
 
 
 def _queue() -> queue.SimpleQueue[Job]:
@@ -365,7 +369,7 @@ def _queue() -> queue.SimpleQueue[Job]:
     with _making:
         if _jobs is None:
             _jobs = queue.SimpleQueue()
-            # A daemon: the interpreter does not wait for it, and only the end of the process ends it.
+            # A daemon thread: it ends only with the process.
             threading.Thread(target=_work, args=(_jobs,), name="haptorb-starter", daemon=True).start()
         return _jobs
 
@@ -378,7 +382,7 @@ def _work(jobs: queue.SimpleQueue[Job]) -> None:
             future.set_result(process)
         except BaseException as cause:
             future.set_exception(cause)
-        del future  # only the caller holds the process
+        del future  # so that only the caller has a reference to the process
 
 
 def _kill(future: Future[subprocess.Popen[bytes]]) -> None:
@@ -389,7 +393,7 @@ def _kill(future: Future[subprocess.Popen[bytes]]) -> None:
 
 
 def _forget() -> None:
-    """A forked child has none of its parent's threads."""
+    """Reset in a forked child, which has none of its parent's threads."""
     global _jobs, _making
     _jobs, _making = None, threading.Lock()
 
@@ -399,18 +403,18 @@ if hasattr(os, "register_at_fork"):  # elsewhere nothing forks
 
 
 # --------------------------------------------------------------------------------------------------
-# What ends a tick that does not end by itself.
+# Timeout of a tick.
 
 
 class TickTimeout(BaseException):
     """Raised by a signal's handler inside a tick that takes too long.
 
-    No `Exception`: user code that continues after any exception would catch it, and hang again in the next tick.
+    Not an `Exception`: user code that continues after any exception would catch it, and hang again in the next tick.
     """
 
 
 # --------------------------------------------------------------------------------------------------
-# The signals that end a program: Ctrl-C, SIGTERM, and SIGHUP of a terminal that is closed.
+# Termination signals: SIGINT (Ctrl-C), SIGTERM, and SIGHUP of a closed terminal.
 
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGINT,)
@@ -418,7 +422,7 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if hasattr(signal, 
 
 @final
 class Termination(BaseException):
-    """SIGTERM or SIGHUP on its way through `with` blocks that switch the coils off, as KeyboardInterrupt for SIGINT."""
+    """Raised for SIGTERM or SIGHUP, as KeyboardInterrupt for SIGINT, so that `with` blocks switch the coils off."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -427,8 +431,10 @@ class Termination(BaseException):
 
 @contextmanager
 def raise_termination() -> Iterator[None]:
-    """SIGTERM and SIGHUP raise Termination meanwhile, so that what is open is closed; one that is ignored (`nohup`)
-    stays so. In the main thread; elsewhere nothing changes."""
+    """Context in which SIGTERM and SIGHUP raise Termination, so that open resources are closed.
+
+    An ignored signal (`nohup`) stays ignored. Main thread only; elsewhere it has no effect.
+    """
 
     with _handle(dict.fromkeys(END_SIGNALS[1:], _terminate)):
         yield
@@ -439,16 +445,20 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 def repeat_signal(number: int) -> None:
-    """The signal has its effect again, if that is to raise KeyboardInterrupt or Termination. For one that had none:
-    Python drops what is raised within a finalizer."""
+    """Raise the signal again, if its handler raises KeyboardInterrupt or Termination.
+
+    For one that had no effect: Python drops exceptions that are raised within a finalizer.
+    """
     if signal.getsignal(number) in (signal.default_int_handler, _terminate):
         signal.raise_signal(number)
 
 
 @contextmanager
 def hold_signals() -> Iterator[threading.Event]:
-    """What is being tidied up is not interrupted: a signal that ends programs sets the event, and has its usual effect
-    afterwards. In the main thread; elsewhere nothing changes."""
+    """Context that defers termination signals during cleanup: a signal sets the event, and is raised afterwards.
+
+    Main thread only; elsewhere it has no effect.
+    """
     held: list[int] = []
     event = threading.Event()
 
@@ -463,8 +473,10 @@ def hold_signals() -> Iterator[threading.Event]:
 
 
 def run_uninterrupted(act: Callable[[threading.Event], None]) -> None:
-    """Do `act` to its end under `hold_signals`, whose event it is given: also where a signal comes just before it is
-    held, which then has its effect afterwards. In the main thread; elsewhere `act` is done."""
+    """Run `act` to its end under `hold_signals`, with its event as the argument.
+
+    A signal just before the deferral begins is raised afterwards, too. Main thread only; elsewhere `act` is just run.
+    """
     early: BaseException | None = None
     held = False
     while not held:
@@ -475,7 +487,7 @@ def run_uninterrupted(act: Callable[[threading.Event], None]) -> None:
                     event.set()
                 act(event)
         except BaseException as cause:
-            if held:  # its own, or what the signal raises that was held
+            if held:  # its own exception, or that of the deferred signal
                 raise
             early = cause
     if early is not None:
@@ -489,7 +501,7 @@ def _handle(handlers: dict[signal.Signals, object]) -> Iterator[None]:
     try:
         if threading.current_thread() is threading.main_thread():
             for number, handler in handlers.items():
-                if (now := signal.getsignal(number)) not in (signal.SIG_IGN, None):  # None: not from Python, stays
+                if (now := signal.getsignal(number)) not in (signal.SIG_IGN, None):  # None: not Python's
                     before[number] = now
                     signal.signal(number, handler)  # type: ignore[arg-type]
         yield
@@ -499,7 +511,7 @@ def _handle(handlers: dict[signal.Signals, object]) -> Iterator[None]:
                 for number in list(before):
                     signal.signal(number, before[number])  # type: ignore[arg-type]
                     del before[number]
-            except BaseException as cause:  # raised by a handler that is back already
+            except BaseException as cause:  # raised by a handler that was restored already
                 late = cause
         if late is not None:
             raise late

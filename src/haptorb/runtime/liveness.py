@@ -1,8 +1,8 @@
-"""Whether the program that started the servo still runs: by its heartbeat, and by its state in the kernel.
+"""Liveness of processes: the host by its heartbeat and kernel state, the others by their progress.
 
 A heartbeat is late for three reasons. A program that was stopped (SIGSTOP, a debugger) cannot react. One that
-computes or sleeps with Python's interpreter lock is late by its own fault, and its heart may beat again. One that waits
-for its turn on a busy computer still runs. The kernel distinguishes them.
+computes or sleeps with Python's interpreter lock is late by its own fault, and its heartbeat may return. One that is
+starved of processor time on a busy computer still runs. The kernel distinguishes them.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ __all__ = [
 ]
 
 
-SILENCE = 0.5  #: a host without a heartbeat for so long counts as ended [s]
-STARVATION = 2.0  #: with the time in which it waited for a processor, where nothing real can move [s]
-STOPPED = 0.1  #: and so is one that is stopped [s]
-LATE = 0.08  #: four beats have not come: time to look [s]
+SILENCE = 0.5  #: heartbeat timeout after which the host counts as ended [s]
+STARVATION = 2.0  #: the same, including the time in which it was starved, for a simulated device only [s]
+STOPPED = 0.1  #: heartbeat timeout of a stopped host [s]
+LATE = 0.08  #: four heartbeats are missing: from here on the host's state is checked [s]
 
-_CHECK_INTERVAL_NS = 5_000_000  #: between two looks [ns]; one takes about 20 µs
-_THREAD_CHECK_INTERVAL_NS = 20_000_000  #: this one takes as long for every thread [ns]
+_CHECK_INTERVAL_NS = 5_000_000  #: between two checks; one takes about 20 µs
+_THREAD_CHECK_INTERVAL_NS = 20_000_000  #: the same for the threads; about 20 µs for each
 
 
 def state_of(pid: int) -> Callable[[], str]:
-    """A function that gives the state of the process `pid` as in /proc/PID/stat: "R" runs, "T" is stopped, "t" too, by
-    a debugger; "X" has ended; empty where the kernel does not say."""
+    """Return a function that reads the state of the process `pid` in /proc/PID/stat: "R" running, "T" stopped, "t"
+    stopped by a debugger, "X" ended; empty where the kernel does not report it."""
     try:
         file = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -59,24 +59,24 @@ def state_of(pid: int) -> Callable[[], str]:
 
 @final
 class HostHeartbeat:
-    """Judges the host.
+    """Watchdog of the host: decides from its heartbeat and state whether it has ended.
 
-    state     gives its state, as `state_of` does
-    starved   whether it has waited for a processor since the last call, at a time [ns], as `ProcessorWait.look` does;
-              None: that excuses nothing
+    state     returns its state, as `state_of` does
+    starved   whether it was starved of processor time since the last call, at a time [ns], as `ProcessorWait.update`;
+    None: starvation does not extend the timeout
     """
 
     def __init__(self, state: Callable[[], str], starved: Callable[[int], bool] | None = None) -> None:
         self._state, self._starved = state, starved
         self._last_look = self._last_threads = 0
-        self._silence = self._waited = 0  # how long it is silent, and how much of that it has waited [ns]
+        self._silence = self._waited = 0  # time since the heartbeat, and the part in which it was starved [ns]
 
     def explain_silence(self, now: int, silence: int) -> str:
-        """Why the host counts as ended at `now` [ns], after a `silence` [ns] of its heartbeat; empty if it does not.
+        """Return why the host counts as ended at `now` [ns], `silence` [ns] after its heartbeat; empty if it does not.
 
-        To be called in every tick in which the heart is `LATE`.
+        Call it in every tick in which the heartbeat is `LATE`.
         """
-        if silence < self._silence:  # it has beaten meanwhile
+        if silence < self._silence:  # a heartbeat came meanwhile
             self._waited = self._last_threads = 0
         self._silence = silence
         if self._starved is not None and now - self._last_threads >= _THREAD_CHECK_INTERVAL_NS:
@@ -94,38 +94,38 @@ class HostHeartbeat:
 
 
 # --------------------------------------------------------------------------------------------------
-# Whether a process that shows no life waits for its turn on a busy computer: what the kernel says of its threads.
+# Detection of processor starvation of an unresponsive process, from the scheduler state of its threads.
 
 
-_SHARE = 0.5  #: of a processor; a process that gets more computes [1]
+_MAX_STARVED_SHARE = 0.5  #: share of a processor above which a process is computing, not starved [1]
 
 
 @final
 class ProcessorWait:
-    """Watches the process `pid`, of the same user.
+    """Detects starvation of the process `pid`, of the same user.
 
-    One of its threads is ready to run ("R" in /proc/PID/task/TID/stat), and yet the whole process got less than half of
-    a processor: it waits. One look takes 20 to 50 µs a thread up to the first that is ready.
+    It is starved if one of its threads is ready to run ("R" in /proc/PID/task/TID/stat), and yet the whole process got
+    less than half of a processor. An update takes 20 to 50 µs a thread up to the first that is ready.
     """
 
     def __init__(self, pid: int) -> None:
         self._threads = f"/proc/{pid}/task"
-        self._clock = (~pid << 3) | 2  # as clock_getcpuclockid(3) makes it: time on a processor, of all threads
+        self._clock = (~pid << 3) | 2  # as clock_getcpuclockid(3) makes it: processor time of all threads
         self._last, self._used = 0, 0
-        self._ready = ""  # the thread that was ready in the last look
+        self._ready = ""  # the thread that was ready at the last update
 
-    def look(self, now: int) -> bool:
-        """Whether it has waited since the last look; `now` on the monotonic clock [ns]. False for the first."""
+    def update(self, now: int) -> bool:
+        """Whether it was starved since the last update; `now` on the monotonic clock [ns]. False at the first."""
         try:
             used = time.clock_gettime_ns(self._clock)
         except OSError:
             return False
         passed, computed = now - self._last, used - self._used
         known, self._last, self._used = self._last > 0, now, used
-        return known and computed < _SHARE * passed and self._is_ready()
+        return known and computed < _MAX_STARVED_SHARE * passed and self._is_ready()
 
     def _is_ready(self) -> bool:
-        """Whether a thread has, or waits for, a processor."""
+        """Whether a thread is running or ready to run."""
         try:
             names = os.listdir(self._threads)
         except OSError:
@@ -149,30 +149,30 @@ class ProcessorWait:
 
 
 # --------------------------------------------------------------------------------------------------
-# For how long a number has not changed: ticks of a loop, looks of a recorder, processor time of a process.
+# Stall detection: the time since a counter changed (ticks of a loop, polls of a recorder, processor time of a process).
 
 
-_STEP = 0.5  #: that counts at most between two looks at a process [s]
+_MAX_STEP_S = 0.5  #: longest time that counts between two updates
 
 
 @final
 class StallTime:
-    """Counts only time in which the observer was running itself: a computer that was suspended is no stall.
+    """Time since a value changed; counts only time in which the observer was running, not that of a suspended computer.
 
-    `step`: at most so much counts between two looks, in any unit of time.
+    `step`: longest time that counts between two updates, in any unit.
     """
 
     def __init__(self, step: float) -> None:
-        self.time = 0.0  #: since the number changed, in the unit of `step`
+        self.time = 0.0  #: since the value changed, in the unit of `step`
         self._step = step
         self._value: int | None = None
         self._last_look = 0.0
 
-    def look(self, now: float, value: int) -> float:
-        """The time for which `value` has stayed as it is.
+    def update(self, now: float, value: int) -> float:
+        """Return the time since `value` changed.
 
         >>> still = StallTime(step=2.0)
-        >>> still.look(10.0, 7), still.look(11.0, 7), still.look(12.0, 8), still.look(99.0, 8)
+        >>> still.update(10.0, 7), still.update(11.0, 7), still.update(12.0, 8), still.update(99.0, 8)
         (0.0, 1.0, 0.0, 2.0)
         """
         if value != self._value:
@@ -185,37 +185,37 @@ class StallTime:
 
 @final
 class HangWatch:
-    """For how long a process has used no processor time: it is stopped, or waits for what does not come."""
+    """Time for which a process has used no processor time: it is stopped or blocked."""
 
     def __init__(self, pid: int) -> None:
         self._path = Path(f"/proc/{pid}/schedstat")
-        self._stall = StallTime(_STEP)
+        self._stall = StallTime(_MAX_STEP_S)
 
-    def look(self) -> float:
-        """That time [s]; to be called at least twice a second. 0 where the kernel does not say.
+    def update(self) -> float:
+        """Return that time [s]; call it at least twice a second. 0 where the kernel does not report it.
 
         >>> import os
-        >>> HangWatch(os.getpid()).look()
+        >>> HangWatch(os.getpid()).update()
         0.0
         """
         used = -1
         with suppress(OSError, ValueError):
             used = int(self._path.read_text().split()[0])  # [ns]
-        return self._stall.look(monotonic(), used) if used >= 0 else 0.0
+        return self._stall.update(monotonic(), used) if used >= 0 else 0.0
 
 
 @final
 class StarvedTime:
-    """For how long a process was ready to compute without a processor: on a busy computer it is slow, not broken."""
+    """Time for which a process was ready to run without a processor: on a busy computer it is slow, not hung."""
 
     def __init__(self, pid: int) -> None:
         self._path = Path(f"/proc/{pid}/schedstat")
 
-    def look(self) -> float:
-        """That time of its main thread since it began [s]; 0 where the kernel does not say.
+    def read(self) -> float:
+        """Return that time of its main thread since it began [s]; 0 where the kernel does not report it.
 
         >>> import os
-        >>> StarvedTime(os.getpid()).look() >= 0.0
+        >>> StarvedTime(os.getpid()).read() >= 0.0
         True
         """
         with suppress(OSError, ValueError, IndexError):
@@ -224,15 +224,15 @@ class StarvedTime:
 
 
 # --------------------------------------------------------------------------------------------------
-# How much memory a servo's process holds, seen from its host: its garbage collector is off.
+# Memory use of a servo's process, measured by its host: its garbage collector is off.
 
 
-_MUCH = 100e6  #: from so much on the user is warned [bytes]
-_MEMORY_CHECK_INTERVAL_S = 1.0  #: between two looks [s]
+_WARN_GROWTH_BYTES = 100e6  #: growth from which the user is warned
+_MEMORY_CHECK_INTERVAL_S = 1.0  #: between two measurements
 
 
 def resident_memory(pid: int) -> int | None:
-    """Memory in which the process `pid` has something [bytes]; None if it has ended."""
+    """Resident memory of the process `pid` [bytes]; None if it has ended."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, IndexError, ValueError):
@@ -241,16 +241,16 @@ def resident_memory(pid: int) -> int | None:
 
 @final
 class MemoryGrowth:
-    """Looks at the process `pid` once a second from the first `look` on."""
+    """Measures the memory of the process `pid` once a second from the first `update` on."""
 
     def __init__(self, pid: int) -> None:
-        self.start: int | None = None  #: at the first look [bytes]
+        self.start: int | None = None  #: at the first update [bytes]
         self.now: int | None = None  #: at the last one [bytes]
         self._pid = pid
         self._next = 0.0
 
-    def look(self, now: float) -> None:
-        """Look, if a second has passed since the last time; `now` [s]."""
+    def update(self, now: float) -> None:
+        """Measure if a second has passed since the last time; `now` [s]."""
         if now >= self._next and (found := resident_memory(self._pid)) is not None:
             self._next, self.now = now + _MEMORY_CHECK_INTERVAL_S, found
             if self.start is None:
@@ -258,8 +258,8 @@ class MemoryGrowth:
 
     @property
     def warning(self) -> str:
-        """What a person should know; empty while little has been added."""
-        if self.start is None or self.now is None or self.now - self.start < _MUCH:
+        """Warning for the user; empty below 100 MB of growth."""
+        if self.start is None or self.now is None or self.now - self.start < _WARN_GROWTH_BYTES:
             return ""
         return (
             f"the servo's process has grown by {(self.now - self.start) / 1e6:.0f} MB since its start. It never "
@@ -268,7 +268,7 @@ class MemoryGrowth:
         )
 
     def facts(self) -> dict[str, float]:
-        """MB at the start of the loop and at the last look, as plain JSON types; empty before the first."""
+        """Memory at the start of the loop and at the last update [MB], as plain JSON types; empty before the first."""
         if self.start is None or self.now is None:
             return {}
         return {"start": round(self.start / 1e6, 1), "now": round(self.now / 1e6, 1)}

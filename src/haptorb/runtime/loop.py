@@ -1,4 +1,4 @@
-"""The real-time loop: wait for the deadline, obey, step, publish, count. Coils off on every way out."""
+"""The real-time loop: wait for the deadline, execute commands, step, publish, count. All exits switch the coils off."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = ["Loop", "count_tick", "load_loop", "publish_row"]
 
 
 # --------------------------------------------------------------------------------------------------
-# What the loop does with every tick, in two compiled passes: publish its row, and count what a report states.
+# Per-tick output of the loop, in two compiled passes: publish the row, and count for the report.
 
 
 _LAST = BINS - 1
@@ -49,9 +49,9 @@ def _size(row: Array, at: int) -> float:
 def publish_row(
     row: Array, slot: Array, places: Records, counts: Records, tick: int, now: int, lateness: int, skipped: int
 ) -> None:  # fmt: skip
-    """Complete `row` with what the clock knows, all in [ns], and the hand's signals; copy it to `slot`; both (width,).
+    """Complete `row` with the clock's values, all in [ns], and the hand's signals; copy it to `slot`; both (width,).
 
-    places is that of the `RowLayout`; counts (1,) COUNTS, where the greatest force [N] and torque [N·m] so far are.
+    places is that of the `RowLayout`; counts (1,) COUNTS, with the peak force [N] and torque [N·m] so far.
     """
     at, most = places[0], counts[0]
     row[at.tick], row[at.wall], row[at.lateness], row[at.missed] = tick, now * 1e-9, lateness * 1e-9, skipped
@@ -60,7 +60,7 @@ def publish_row(
         slot[i] = row[i]
     given = at.given
     force = _size(row, given)
-    if force != force:  # what is really there is unknown
+    if force != force:  # the actual wrench is unknown
         given = at.modelled
         force = _size(row, given)
     if force > most.peak:
@@ -72,7 +72,7 @@ def publish_row(
 
 @kernel
 def count_tick(counts: Records, ticks: int, missed: int, lateness: int, took: int, period: int) -> None:
-    """Count one tick's lateness and computing time [ns], and whether both fitted into its period; counts (1,) COUNTS.
+    """Count one tick's lateness and computing time [ns], and whether it met its deadline; counts (1,) COUNTS.
 
     The bins are those of a `Histogram`.
     """
@@ -85,19 +85,19 @@ def count_tick(counts: Records, ticks: int, missed: int, lateness: int, took: in
 
 
 _LATE = int(LATE * 1e9)
-_STANDSTILL = 100_000_000  #: without a tick, after which the host gets its full time again [ns]
+_STANDSTILL_NS = 100_000_000  #: gap without a tick after which the heartbeat timeout of the host restarts
 _TRIPPED = float(GuardState.TRIPPED)
-_PARENT_CHECK_INTERVAL_S = 0.05  #: between two looks for the parent [s]
-_ERROR = 4000  #: characters of what a failed world or driver said
-_MEAN = 64  #: ticks over which their time is averaged
-_LONG = 4  #: periods that one tick counts at most in that average: the computer may pause in the middle of it
-_QUIET = 0.25  #: for a host that was told to end to do so before its Stop counts as a trip [s]
-_LIFE = 2.0  #: without a tick, after which the kernel ends the process [s]
+_PARENT_CHECK_INTERVAL_S = 0.05  #: between two checks whether the parent runs
+_MAX_ERROR_CHARACTERS = 4000  #: characters of the error of a failed world or driver
+_AVERAGED_TICKS = 64  #: ticks over which the computing time is averaged
+_MAX_AVERAGED_PERIODS = 4  #: cap on one tick in that average [periods]: the computer may pause in the middle of it
+_STOP_GRACE_S = 0.25  #: after a signal to the host: delay before its Stop is announced as a trip
+_WATCHDOG_TIMEOUT_S = 2.0  #: watchdog timeout: without a tick for this long the kernel kills the process
 
 
 @final
 class Loop:
-    """Drives `chain` at `rate` [Hz] and publishes everything in `shared`, until a request to end or a failure."""
+    """Steps `chain` at `rate` [Hz] and publishes its rows in `shared`, until a request to end or a failure."""
 
     def __init__(
         self,
@@ -119,41 +119,41 @@ class Loop:
         self._shared = shared
         self._parent = parent
         patient = chain.driver.simulated  # safety: host-starved-real
-        self._host = HostHeartbeat(state_of(parent), ProcessorWait(parent).look if patient else None)
+        self._host = HostHeartbeat(state_of(parent), ProcessorWait(parent).update if patient else None)
         self._put_off, self._every = put_off, max(1, int(rate * _PARENT_CHECK_INTERVAL_S))
         self._rate = rate
         self._row = shared.layout.empty()
-        # Single numbers come out of a memoryview ten times faster than out of an array.
+        # Scalar access through a memoryview is ten times faster than through an array.
         self._cells = self._row.data.cast("B").cast("d")
         load_loop(self._row, shared.layout.places)
         self._ticks = 0
         self._now = 0.0  # on the loop's clock [s]
-        self._work = 0.0  # what a tick takes, averaged [ns]
+        self._work = 0.0  # average computing time of a tick [ns]
         # safety: start-stop
-        self._stopped = 0  # a stop that was given while the servo started counts in the first tick
+        self._stopped = 0  # a stop during the start takes effect in the first tick
         self._engaged = shared.words[Word.ENGAGE]
         self._mode, self._clutch, self._model, self._scale, self._cooled = 0, 0, 0, 0, 0
         self._asked = shared.request.version
         self._guard = shared.layout["guard"].start
         self._places = shared.layout.places
         self._tripped = False
-        self._quiet = 0  # the tick from which on a trip is announced
-        self.told_by = ""  #: a signal's name, set by its handler: the loop ends after the present tick
-        self.in_step = False  #: whether the chain is being stepped just now
+        self._quiet = 0  # first tick in which a trip is announced
+        self.end_signal = ""  #: name of a signal, set by its handler: the loop ends after the current tick
+        self.in_step = False  #: whether the chain is being stepped
         self.reason = ""  #: why the loop ended; empty: on request
 
     @property
     def world(self) -> str:
-        """Name of the world that is rendered."""
+        """Name of the rendered world."""
         return name_of(self._world)
 
     def run(self, clock: Clock) -> bool:
-        """Run to the end; True if it ended on request. The driver is closed and the last row published."""
+        """Run to the end, close the driver and publish the last row; True if it ended on request."""
         failed: Trip | None = None
         try:
             failed = self._run_ticks(clock)
-        except BaseException as cause:  # also what is no `Exception`: a hang, an exit
-            self._close_driver()  # first of all; explaining can wait
+        except BaseException as cause:  # not only `Exception`: a tick timeout, an exit
+            self._close_driver()  # first of all; the explanation follows
             failed = Trip.LOOP_FAILED
             self.reason = _explain_failure(cause)
         finally:
@@ -163,7 +163,7 @@ class Loop:
         return failed is None
 
     def _close_driver(self) -> bool:
-        """Close the driver: coils off. False, and a reason, if even that fails."""
+        """Close the driver: coils off. If that fails, set the reason and return False."""
         self.in_step = False
         try:
             self._chain.driver.close()
@@ -177,7 +177,7 @@ class Loop:
         shared, chain, row, words, at = self._shared, self._chain, self._row, self._shared.words, self._places
         schedule, period = clock.schedule, clock.schedule.period
         ring, counts, forces = shared.ring, shared.counts, shared.client_forces
-        doubt_time = 0  # when the host was last given the benefit of the doubt [ns]
+        timeout_start = 0  # when the heartbeat timeout was last restarted [ns]
         words[Word.ORIGIN] = schedule.origin
         words[Word.PHASE] = Phase.RUNNING
         while True:
@@ -185,19 +185,19 @@ class Loop:
             deadline = clock.sleep()
             chain.prepare(deadline)
             now, lateness, skipped = clock.wait()
-            if skipped and (deadline == following or self._work < period):  # no tick's own work made this one late
+            if skipped and (deadline == following or self._work < period):  # not caused by a tick's own work
                 chain.excuse_lateness()
-            if self.told_by or words[Word.QUIT]:
+            if self.end_signal or words[Word.QUIT]:
                 return None
-            if skipped * period > _STANDSTILL:  # what delayed this loop delayed the host's heartbeat as well
-                doubt_time = now
-            silence = now - max(words[Word.HEARTBEAT], doubt_time)
+            if skipped * period > _STANDSTILL_NS:  # the same cause delayed the host's heartbeat
+                timeout_start = now
+            silence = now - max(words[Word.HEARTBEAT], timeout_start)
             if silence > _LATE:  # safety: host-silent
                 self.reason = self._host.explain_silence(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT
             if self._ticks % self._every == 0:
-                self._put_off(_LIFE)
+                self._put_off(_WATCHDOG_TIMEOUT_S)
                 if is_parent_gone(self._parent):
                     self.reason = "the program that started the servo ended"
                     return Trip.HOST_SILENT
@@ -212,13 +212,13 @@ class Loop:
             self._ticks += 1
             self._announce_trip()
             if self._states is not None and 2.0 * self._work < period:
-                self._states.look(self._ticks - 1)
+                self._states.update(self._ticks - 1)
             took = monotonic_ns() - now
-            self._work += (min(took, _LONG * period) - self._work) / _MEAN
+            self._work += (min(took, _MAX_AVERAGED_PERIODS * period) - self._work) / _AVERAGED_TICKS
             count_tick(counts, self._ticks, schedule.missed, lateness, took, period)
 
     def _execute_requests(self) -> None:
-        """Stop, engage, cool, clutch and change the world as the host has asked since the last tick."""
+        """Execute the host's requests since the last tick: stop, engage, cool, mode, clutch, world."""
         words = self._shared.words
         stops, engage = words[Word.STOP], words[Word.ENGAGE]
         if stops != self._stopped:
@@ -226,19 +226,19 @@ class Loop:
             self._chain.stop()
         if engage != self._engaged:
             self._engaged = engage
-            # An engage request that was given before the last stop is void, however late it comes.
+            # An engage request from before the last stop is void, however late it arrives.
             if engage_stops(engage) == stops & 0xFFFF_FFFF:  # safety: engage-void
-                # Engaged, a world that fails again in the very next tick is another trip.
+                # After engaging, a world that fails again in the next tick is another trip.
                 self._tripped = not self._chain.engage() and self._tripped
         if self._shared.signals[0] and find_end_signal(self._shared.signals):  # safety: signal-read
             self._chain.stop()
-            self._quiet = self._ticks + int(_QUIET * self._rate)
+            self._quiet = self._ticks + int(_STOP_GRACE_S * self._rate)
         if words[Word.MODE] != self._mode:
             self._mode = words[Word.MODE]
             self._chain.joining.set_mode(MODES[self._mode - 1])
         if words[Word.MODEL] != self._model:
             self._model = words[Word.MODEL]
-            with suppress(InputError):  # the host asks only for what the device has
+            with suppress(InputError):  # the host requests only what the device has
                 self._chain.change_model(self._model - 1)
         if words[Word.SCALE] != self._scale:
             self._scale = words[Word.SCALE]
@@ -258,7 +258,7 @@ class Loop:
             self._shared.answer.write(self._apply_loaded_world(loaded))
 
     def _take_request(self, text: str) -> None:
-        """Change the world now; have its code, or another version of an own world, loaded beside the loop."""
+        """Change the world now, or start loading its code, or a new version of a user's world, in the loader thread."""
         number, name, values, file = parse_request(text)
         make = partial(change_world, self._world, name, values, self._own)
         if self._loader is None:
@@ -274,8 +274,7 @@ class Loop:
         self._shared.answer.write(reply)
 
     def _apply_loaded_world(self, loaded: LoadedWorld) -> str:
-        """Render a world of the catalogue whose code is there now, or know another version of an own one; the answer
-        as JSON."""
+        """Render a catalogue world whose code has been loaded, or replace a user's world; return the answer as JSON."""
         world = loaded.world
         if world is None:
             return answer(loaded.number, loaded.error)
@@ -290,32 +289,32 @@ class Loop:
         return answer(loaded.number)
 
     def _change(self, number: int, name: str, make: Callable[[], World], render: Callable[[World], None]) -> str:
-        """`render` the world that `make` returns, for request `number`; the answer as JSON."""
+        """Call `render` with the world that `make` returns, for request `number`; return the answer as JSON."""
         try:
             world = make()
             render(world)
             self._shared.announce_world(description(world))
         except HaptorbError as cause:
             return answer(number, cause)
-        except Exception as cause:  # a world is the user's code
+        except Exception as cause:  # a world is user code
             return answer(number, HaptorbError(f"world '{name}' failed to change: {type(cause).__name__}: {cause}"))
         self._world = world
         return answer(number)
 
     def _announce_trip(self) -> None:
-        """Tell of a trip, once."""
+        """Publish each trip once."""
         tripped = self._cells[self._guard] == _TRIPPED
-        if tripped and self._ticks < self._quiet:  # a program that ends is not told of its own end
+        if tripped and self._ticks < self._quiet:  # a program that ends is not notified of its own stop
             return
         if tripped and not self._tripped:
             if self._states is not None:
-                self._states.tell(self._ticks - 1, self._now)
-            self._shared.error.write(self._chain.error[:_ERROR])  # first: who sees the trip may ask for it
+                self._states.mark_trip(self._ticks - 1, self._now)
+            self._shared.error.write(self._chain.error[:_MAX_ERROR_CHARACTERS])  # first: a trip's reader reads it
             self._shared.announce_trip(self._now, self._cells[self._shared.layout["trip"].start])
         self._tripped = tripped
 
     def _last_row(self, failed: Trip | None) -> None:
-        """One more row: coils off. Measured values are repeated, they were not measured again."""
+        """Publish a final row with the coils off. Measured values are repeated from the row before."""
         shared, row, at = self._shared, self._row, self._shared.layout
         if self._ticks == 0:
             row[:] = 0.0
@@ -333,7 +332,7 @@ class Loop:
 
 
 def load_loop(row: Array, places: Records) -> None:
-    """Have the loop's own compiled code loaded before the first tick; `row` (width,) [SI] is NaN afterwards."""
+    """Load the loop's compiled code before the first tick; `row` (width,) [SI] is NaN afterwards."""
     counts = np.zeros(1, dtype=COUNTS)
     publish_row(row, row.copy(), places, counts, 0, 0, 0, 0)
     count_tick(counts, 0, 0, 0, 0, 1)
@@ -341,7 +340,7 @@ def load_loop(row: Array, places: Records) -> None:
 
 
 def _explain_failure(cause: BaseException) -> str:
-    """The failure in one line; for an unexpected one, with its place."""
+    """Describe the failure in one line; an unexpected one with file and line."""
     if isinstance(cause, HaptorbError | TickTimeout):
         return str(cause)
     frames = traceback.extract_tb(cause.__traceback__)

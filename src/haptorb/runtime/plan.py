@@ -1,4 +1,4 @@
-"""The plan of a servo process: pickled by value, so that it includes worlds and devices defined in a user's script."""
+"""Startup data of a servo process: pickled by value, so that it includes worlds and devices of a user's script."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ __all__ = ["Plan", "load", "save"]
 @final
 @dataclass(frozen=True)
 class Plan:
-    """The description of the run, and what the loop may change to."""
+    """The description of the run, and the worlds to which the loop may change."""
 
     config: RunConfig
     own_worlds: Mapping[str, World] = field(default_factory=dict)  #: beside the catalogue's, by name
-    implementations: tuple[Implementation, ...] = ()  #: of a kind of device that a user's code defines
+    implementations: tuple[Implementation, ...] = ()  #: of a kind of device that user code defines
     make_chain: Callable[[RunConfig, Tracker], Chain] = assemble
 
     @property
@@ -34,22 +34,22 @@ class Plan:
         return self.config.world_file is not None
 
     def assemble(self, tracker: Tracker) -> Chain:
-        """The chain of the run."""
+        """Build the chain of the run."""
         return self.make_chain(self.config, tracker)
 
     def practice(self, tracker: Tracker) -> Chain:
-        """The same chain on the simulated device, which runs before the start."""
+        """Build the same chain on the simulated device, for the warm-up before the start."""
         return self.make_chain(self.config.simulated(), tracker)
 
 
 def save(plan: Plan, path: Path) -> None:
-    """Write `plan` to the file `path`, with the folders in which its modules were found."""
+    """Write `plan` to the file `path`, with the folders of its modules."""
     implementations: Any = plan.implementations
     path.write_bytes(pack((implementations, plan)))
 
 
 def load(path: Path) -> Plan:
-    """The plan in the file `path`; only for files that the starting process has just written itself."""
+    """Read the plan in the file `path`; only for files that the starting process has just written itself."""
     implementations, plan = unpack(path.read_bytes())
     register_implementations(implementations)
     return cast(Plan, plan)

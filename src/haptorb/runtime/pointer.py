@@ -1,4 +1,4 @@
-"""Where the hand wants the tool: held by a pointer (mouse, pen, finger) on the console, else guided by a script."""
+"""The pointer as a tracker: the hand's goal follows the console's pointer (mouse, pen, finger), else a script."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ __all__ = ["PointerPose", "PointerTracker"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The pointer as the tracker of a real tool: valid only while a person holds it.
+# The pointer as the tracker of a real tool: valid only while it is held.
 
 
-_FASTEST = 3.0  #: no hand moves the tool faster, a pointer that jumps does [m/s]
+_MAX_SPEED_M_PER_S = 3.0  #: speed limit of the tool: faster motion is a jump of the pointer
 
 
 @final
 class PointerPose:
-    """Where the host's pointer is, as the word of a tracker.
+    """Converts the host's pointer to the pose of a tracker.
 
-    A simulated hand may play a guided motion while the pointer is not held; a real tool is not where a script says,
-    so then the pose is not valid. The velocity is that between the pointer's last two words.
+    A simulated hand may play a guided motion while the pointer is not held; a real tool does not follow a script,
+    so then the pose is not valid. The velocity is that between the pointer's last two messages.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class PointerPose:
         self._stamp = -np.inf
 
     def __call__(self, goal: Goal, now: float) -> Pose:
-        """The pose at `now` [s], when the pointer's word is `goal`."""
+        """Return the pose at `now` [s] for the pointer's last message `goal`."""
         if not goal.held:
             self._stamp = -np.inf
             return Pose(now, _rotation(goal.q), goal.p, np.zeros(3), np.zeros(3), valid=False)
@@ -44,14 +44,14 @@ class PointerPose:
             passed = goal.stamp - self._stamp
             v = (goal.p - self._p) / passed if np.isfinite(passed) else np.zeros(3)
             speed = float(np.linalg.norm(v))
-            self._v = v if speed <= _FASTEST else np.zeros(3)
+            self._v = v if speed <= _MAX_SPEED_M_PER_S else np.zeros(3)
             self._p, self._stamp = goal.p, goal.stamp
         valid = bool(np.isfinite(goal.stamp))
         return Pose(min(goal.stamp, now) if valid else now, _rotation(goal.q), goal.p, np.zeros(3), self._v, valid)
 
 
 def _rotation(q: Array) -> Array:
-    """(3, 3) from a quaternion (x, y, z, w) of length 1."""
+    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
     x, y, z, w = q.tolist()
     return np.array(
         [
@@ -69,8 +69,8 @@ _RELEASE = 1.5  #: time in which a released hand returns to rest [s]
 class PointerTracker(Tracker):
     """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
 
-    After a release the hand goes back to the guided motion's resting place by the smoothest way.
-    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero; `guide` is the guided motion;
+    After a release the hand returns to the rest pose of the guided motion on a minimum-jerk path.
+    `origin` is the computer's monotonic time [s] at zero of the loop's clock; `guide` is the guided motion;
     `signals` receives the buttons and the gripper of a scripted one.
     """
 
@@ -85,7 +85,7 @@ class PointerTracker(Tracker):
         self._source, self._signals = source, signals
         self.origin = origin
         self._guide = guide or DomeMotion()
-        self._last: tuple[Array, Array] | None = None  # where a held pointer was last
+        self._last: tuple[Array, Array] | None = None  # last pose of a held pointer
         self._released = 0.0
         self._rest = self._guide.at(self._guide.duration)
         self._pose = PointerPose()
@@ -101,7 +101,7 @@ class PointerTracker(Tracker):
         self._rest = guide.at(guide.duration)
 
     def goal(self, now: float) -> Goal:
-        """The goal of a simulated hand at `now` [s] on the loop's clock; while its word is patient, as fresh as now."""
+        """Goal of a simulated hand at `now` [s] on the loop's clock; it does not age within its keep-alive."""
         goal, patience = self._find(now)
         if self._signals is not None and isinstance(self._guide, ScriptedMotion):
             self._signals.write(*((0, np.nan) if self._last is not None else self._guide.signals_at(now)))
@@ -110,11 +110,11 @@ class PointerTracker(Tracker):
         return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
 
     def pose(self, now: float) -> Pose:
-        """The pointer as the pose of a real tool: valid only while a person holds it, aged as its last message."""
+        """Return the pointer as the pose of a real tool: valid only while held, as old as its last message."""
         return self._pose(self._find(now)[0], now)
 
     def _find(self, now: float) -> tuple[Goal, float]:
-        """The goal, as old as its word, and that word's patience [s]."""
+        """Return the goal, as old as its message, and the message's keep-alive [s]."""
         if self._source is not None:
             pointed = self._source.read_pointer()
             if pointed.held:

@@ -1,7 +1,7 @@
-"""A servo process that is started early: it loads what any servo needs, and waits for its plan.
+"""Standby servo process: started early, it loads what any servo needs, and waits for its plan.
 
 Half of a start is loading packages and compiled code. A program that knows early that it will need a servo, and has
-something to do first (read a device file, check a world), starts this before; on two processors the two loads are one.
+other work first (read a device file, check a world), starts this before; on two processors both run in parallel.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from haptorb.runtime.linux import start_python
 __all__ = ["PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
 
 PLAN = "plan"  #: name of the file in the folder
-WANTED = "wanted"  #: of the file that names the world that is waited for
+WANTED = "wanted"  #: name of the file that names the requested world
 
 
 @final
 class PrestartedProcess:
-    """The process, and a folder for what passes between it and this one. Coils are out of its reach until `give`.
+    """The process, and a folder for data exchanged with it. It has no access to coils until `activate`.
 
-    Ends with the `with` block unless it was given a plan; then it belongs to the servo.
+    Ends with the `with` block unless it was activated; then it belongs to the servo.
     """
 
     def __init__(self) -> None:
-        self.folder, self.claim = _create_folder()  #: the giver's from `give` on
-        self.errors = self.folder / "errors"  #: what the process prints
+        self.folder, self.claim = _create_folder()  #: owned by the servo from `activate` on
+        self.errors = self.folder / "errors"  #: standard error of the process
         self.given = False
         try:
             self.process = start_module(
@@ -47,23 +47,23 @@ class PrestartedProcess:
 
     @property
     def plan(self) -> Path:
-        """The file to be written before `give`. Raises ServoError if it is in use already."""
+        """The plan file, to be written before `activate`. Raises ServoError if the process is in use already."""
         if self.given:
             raise ServoError("this prestarted process serves another servo, or has ended; create a new one")
         return self.folder / PLAN
 
-    def give(self, shared: Path) -> None:
-        """The plan is written, and `shared` is the memory through which the servo is talked to."""
+    def activate(self, shared: Path) -> None:
+        """Start the servo with the plan that was written and the shared memory `shared`."""
         self.given = True
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(os.fsencode(shared))
             self.process.stdin.close()
         except BrokenPipeError:
-            pass  # it has ended already: the wait for its first tick will report why
+            pass  # it has ended already: the wait for its first tick reports why
 
     def end(self) -> None:
-        """Discard it. May be called twice."""
+        """End the process. May be called twice."""
         if self.given:
             return
         self.given = True
@@ -83,12 +83,12 @@ class PrestartedProcess:
 
 
 def code_note(folder: Path, name: str) -> Path:
-    """The file in the servo's `folder` that is there when the code of the catalogue's world `name` is compiled."""
+    """Marker file in the servo's `folder`: it exists when the code of the catalogue's world `name` is compiled."""
     return folder / f"code-{name}"
 
 
 def _create_folder() -> tuple[Path, FileLock]:
-    """A new folder, and its claim."""
+    """Create a new folder, and its lock."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=FOLDER))
         claim = FileLock(folder)
@@ -106,9 +106,9 @@ def start_module(
     descriptors: tuple[int, ...] = (),
     isolated: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """See `start_python`; what the process says on standard error goes to the end of `errors`.
+    """As `start_python`; the standard error of the process is appended to `errors`.
 
-    It may ask to die with its parent: it is started by a thread that runs as long as the parent.
+    The process may use the parent-death signal: it is started by a thread that runs as long as the parent.
     """
     with errors.open("ab") as file:
         return start_python(
@@ -119,6 +119,6 @@ def start_module(
             stdout=stdout,
             stderr=file,
             pass_fds=descriptors if descriptor is None else (descriptor, *descriptors),
-            # Small matrices: a second thread of OpenBLAS would only wait in a loop, beside the servo's.
+            # Small matrices: a second thread of OpenBLAS would only busy-wait beside the servo's.
             env=environment({"OPENBLAS_NUM_THREADS": "1"}),
         )

@@ -1,8 +1,8 @@
-"""The processes of servo, recorder and tracker, seen from their parent: start, monitor, send heartbeats, end.
+"""Supervises the processes of servo, recorder and tracker: start, monitor, send heartbeats, end.
 
-The parent checks every 20 ms, and copies the ticks before a trip. A servo that has ended is detected within a tenth
-of a second. A servo whose tick does not end gets a signal after a second; the code in the tick can ignore it, and
-half a second later the process is killed. A stalled recorder is reported, and the loop continues.
+The parent checks every 20 ms, and copies the ticks before a trip. A servo that has ended is detected within 0.1 s. A
+servo whose tick does not end gets a signal after 1 s; the code in the tick can ignore it, and 0.5 s later the process
+is killed. A stalled recorder is reported, and the loop continues.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
 
 
 # --------------------------------------------------------------------------------------------------
-# A signal that ends the host is a Stop of the servo, whatever the host is doing at that moment.
+# A termination signal of the host is a Stop of the servo, whatever the host is doing at that moment.
 #
 # Python runs the handler of a signal in the main thread, between two of its own instructions. A host that is inside C
 # code (a matrix, a database, an import) reacts when that returns. But the first thing that Python's own handler in C
@@ -45,21 +45,23 @@ __all__ = ["CompilerProcess", "ProcessGroup", "SignalStop"]
 # between.
 
 
-_LOST = 0.5  #: after a signal: what it raises has left every wait of the servo's interface by then [s]
+_SIGNAL_TIMEOUT_S = 0.5  #: after a signal: its exception must have ended every wait of the servo by then
 
 
 @final
 class SignalStop:
-    """From its creation in the main thread until `close`. Elsewhere, and where the program uses the descriptor for
-    another purpose (an event loop with handlers of its own), a Stop waits for the program's own handler.
+    """Makes termination signals of the host a Stop, from its creation in the main thread until `close`.
 
-    stop  is called after the loop has stopped: it makes engage requests from before void
+    In another thread, and where the program uses the descriptor for another purpose (an event loop with its own
+    handlers), a Stop waits for the program's own handler.
+
+    stop  called after the loop has stopped: it makes earlier engage requests void
     """
 
     def __init__(self, shared: SharedMemory, stop: Callable[[], None]) -> None:
         self._shared, self._stop = shared, stop
         self._descriptor = -1
-        self._last = (0, -math.inf)  #: signal, when it was seen [s]
+        self._last = (0, -math.inf)  #: signal, time at which it was read [s]
         if threading.current_thread() is not threading.main_thread():
             return
         descriptor = os.open(shared.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -68,32 +70,32 @@ class SignalStop:
         if before == -1:
             self._descriptor = descriptor
             for number in END_SIGNALS:
-                if signal.getsignal(number) is signal.SIG_DFL:  # else Python's handler in C does not run either
+                if signal.getsignal(number) is signal.SIG_DFL:  # else Python's C handler does not run either
                     signal.signal(number, _end_as_ever)
         else:
             signal.set_wakeup_fd(before, warn_on_full_buffer=False)
             os.close(descriptor)
 
-    def look(self) -> None:
-        """Make room for the next signals; to be called some times a second, from any thread."""
+    def poll(self) -> None:
+        """Read and clear the received signals; call it several times a second, from any thread."""
         if self._descriptor < 0 or not self._shared.signals[0]:
             return
-        seen = monotonic()  # before the number is read: who looks here now knows of no later signal
+        seen = monotonic()  # before the number is read: too early rather than too late
         if number := find_end_signal(self._shared.signals):
-            self._stop()  # first: the loop must not find neither
+            self._stop()  # first: the loop must always find the stop or the signal
             self._last = number, seen
         self._shared.signals[0] = 0
         os.lseek(self._descriptor, self._shared.signals_at, os.SEEK_SET)
 
     def repeat_lost(self, since: float) -> None:
-        """Repeat a signal that came after `since` [s] and should have raised something long ago; in the main thread."""
+        """Repeat a signal that came after `since` [s] and whose exception was lost; in the main thread."""
         number, seen = self._last
-        if since < seen < monotonic() - _LOST and threading.current_thread() is threading.main_thread():
+        if since < seen < monotonic() - _SIGNAL_TIMEOUT_S and threading.current_thread() is threading.main_thread():
             self._last = 0, -math.inf
             repeat_signal(number)
 
     def close(self) -> None:
-        """Signals are the program's alone again. May be called twice, from any thread."""
+        """Restore the program's own signal handling. May be called twice, from any thread."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor < 0:
             return
@@ -102,32 +104,32 @@ class SignalStop:
                 if signal.getsignal(number) is _end_as_ever:
                     signal.signal(number, signal.SIG_DFL)
             now = signal.set_wakeup_fd(-1)
-            if now not in (descriptor, -1):  # another part of the program took it meanwhile
+            if now not in (descriptor, -1):  # another part of the program has set it meanwhile
                 signal.set_wakeup_fd(now, warn_on_full_buffer=False)
             os.close(descriptor)
-        else:  # only the main thread may take it back: until then what is written is lost
+        else:  # only the main thread may reset it: until then, written signals are discarded
             nowhere = os.open(os.devnull, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             os.dup2(nowhere, descriptor, inheritable=False)
             os.close(nowhere)
 
 
 def _end_as_ever(number: int, frame: FrameType | None) -> None:
-    """A program without a handler of its own ends by the signal."""
+    """Default action: a program without its own handler ends by the signal."""
     signal.signal(number, signal.SIG_DFL)
     signal.raise_signal(number)
 
 
 # --------------------------------------------------------------------------------------------------
-# The process that compiles beside a servo, seen from its host: the controller at a first start, then the worlds.
+# The compiler process beside a servo: the controller at a first start, then the worlds.
 
 
-_COMPILER_PROCESS_HUNG = 4.0  #: without processor time, after which it hangs [s]
-_USUAL = 3.0  #: a start with compiled code; who needs longer has it compiled by two [s]
+_COMPILER_TIMEOUT_S = 4.0  #: time without processor use after which it counts as hung
+_USUAL_START_S = 3.0  #: duration of a start with compiled code; after that a second process helps to compile
 
 
 @final
 class CompilerProcess:
-    """For the servo of the `shared` memory, whose plan is in `folder`; its errors are appended to `errors`."""
+    """Compiler process for the servo of `shared`, whose plan is in `folder`; its errors are appended to `errors`."""
 
     def __init__(self, folder: Path, shared: SharedMemory, errors: Path) -> None:
         self._folder, self._shared, self._errors = folder, shared, errors
@@ -136,33 +138,33 @@ class CompilerProcess:
         self._watch: HangWatch | None = None
 
     def help_start(self) -> None:
-        """Compile the controller beside the servo's process if that process compiles, or takes too long to prepare.
+        """Start compiling the controller if the servo's process compiles, or takes long to prepare.
 
-        Opening a device may take long; the servo's process no longer compiles then.
+        Not while it opens a device: that may take long, but nothing is compiled then.
         """
-        late = self._shared.words[Word.COMPILED] > 0 or monotonic() > self._begin + _USUAL
+        late = self._shared.words[Word.COMPILED] > 0 or monotonic() > self._begin + _USUAL_START_S
         if self.process is None and late and not self._shared.facts.read()[1]:
             self._run(CONTROLLER)
 
     def finish_start(self, *, running: bool) -> None:
-        """The loop runs, or has failed: end this help, and compile the worlds whose code is missing."""
+        """End the help when the loop runs or has failed; if it runs, compile the worlds whose code is missing."""
         self.end()
         if running and self._shared.words[Word.UNCOMPILED]:
             self._run(CATALOGUE)
 
     def compile_world(self, name: str) -> None:
         """Compile the world `name` next."""
-        with suppress(OSError):  # a full disk: it has its turn nevertheless
+        with suppress(OSError):  # a full disk: it is compiled in its usual order
             (self._folder / WANTED).write_text(name, encoding="utf-8")
         if self.process is None or self.process.poll() is not None:
             self._run(CATALOGUE)
 
     def check(self) -> None:
-        """End it and raise ServoError if it hangs: a world that is waited for would never come."""
+        """End it and raise ServoError if it hangs: a requested world would never be compiled."""
         process = self.process
         if process is None or process.poll() is not None or self._watch is None:
             return
-        if (hung := self._watch.look()) > _COMPILER_PROCESS_HUNG:
+        if (hung := self._watch.update()) > _COMPILER_TIMEOUT_S:
             self.end()
             raise ServoError(
                 f"the process that compiles the worlds did nothing for {hung:.0f} s and was ended; choose the world "
@@ -170,7 +172,7 @@ class CompilerProcess:
             )
 
     def end(self) -> None:
-        """Kill it if it is running."""
+        """Kill the process if it runs."""
         if self.process is not None:
             end_process(self.process, 0.0)
 
@@ -181,17 +183,17 @@ class CompilerProcess:
         self._watch = HangWatch(self.process.pid)
 
 
-_HEARTBEAT_INTERVAL_S = 0.02  #: between two heartbeats [s]
-_STUCK = 1.0  #: without a tick the servo is notified that it is stuck [s]
-_PROCESS_GROUP_HUNG = 1.5  #: and so long without one it is killed [s]
-_ROOM = 3.0  #: a limit of the start grows by at most so many times itself while the servo waits for a processor
-_STALLED = 1.0  #: without a look for rows the recorder counts as stalled [s]
-_START = 180.0  #: the first start on a machine compiles the kernels [s]
-_FIRST_CALL = 20.0  #: a world that compiles code of its own may take long, once [s]
-_NOTHING = 4.0  #: without processor time, after which a process that starts hangs [s]
-_FINISH = 1.5  #: to end on request before a signal is sent [s]
-_DRAIN = 20.0  #: for the recorder to write what it has [s]
-_EXPLAIN_AFTER_S = 2.0  #: of that, before a person is told why it takes long [s]
+_HEARTBEAT_INTERVAL_S = 0.02  #: between two heartbeats
+_STUCK_TIMEOUT_S = 1.0  #: time without a tick after which the servo gets a signal that ends the tick
+_KILL_TIMEOUT_S = 1.5  #: time without a tick after which the servo is killed
+_MAX_EXTENSION = 3.0  #: largest extension of a timeout of the start by processor starvation [multiple of the timeout]
+_RECORDER_TIMEOUT_S = 1.0  #: time without a poll after which the recorder counts as stalled
+_STARTUP_TIMEOUT_S = 180.0  #: of a start: the first one on a computer compiles the kernels
+_FIRST_CALL_TIMEOUT_S = 20.0  #: of the first call of a user's world, which may compile its own code
+_START_HANG_TIMEOUT_S = 4.0  #: time without processor use after which a starting process counts as hung
+_END_TIMEOUT_S = 1.5  #: to end on request, before a signal is sent
+_DRAIN_TIMEOUT_S = 20.0  #: for the recorder to write its remaining rows
+_EXPLAIN_AFTER_S = 2.0  #: of that, before a message explains the delay
 _DRAINING = "the recorder still writes, for {:g} s at most; Ctrl-C ends it at once, and the recording is truncated\n"
 _HUNG_START = "the {} did nothing for {:g} s while it started and was ended; check for a disk that does not respond"
 _HANG = (
@@ -210,7 +212,7 @@ _STALL = (
 
 @final
 class ProcessGroup:
-    """Starts the servo in `standby`, whose plan is written; `record` and `track` may add others, then
+    """Starts the servo in `standby`, whose plan is written; call `record` and `track` for further processes, then
     `wait_until_running`."""
 
     def __init__(
@@ -224,15 +226,15 @@ class ProcessGroup:
         shared.words[Word.HEARTBEAT] = monotonic_ns()
         self._servo = standby.process
         self._hang = self._stall = ""
-        self._asked = False  # whether the servo was notified that it is stuck
+        self._asked = False  # whether the signal that ends a stuck tick was sent
         self.memory = MemoryGrowth(standby.process.pid)
         self._starved, self._waited_before = StarvedTime(standby.process.pid), 0.0
-        standby.give(shared.path)
+        standby.activate(shared.path)
         self._output = OutputReader(standby.process.stdout)
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
         self.compiler = CompilerProcess(standby.folder, shared, standby.errors)
-        # Not the thread that may be blocked by a user's code: it has nothing else to do.
+        # A thread of its own: user code may block the caller's.
         self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
         self._heart.start()
 
@@ -243,7 +245,7 @@ class ProcessGroup:
 
     @property
     def recorder_pid(self) -> int:
-        """Process id of the recorder; 0 if there is none."""
+        """Process id of the recorder; 0 without one."""
         return self._recorder.pid if self._recorder else 0
 
     @property
@@ -252,8 +254,10 @@ class ProcessGroup:
         return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
 
     def record(self, descriptor: int, rate: float, temporary: Path | None, notes: Mapping[str, Any]) -> None:
-        """Start the recorder, which writes `notes` and the rows of a loop at `rate` [Hz] to the open file `descriptor`;
-        a `temporary` file it may delete."""
+        """Start the recorder, which writes `notes` and the rows of a loop at `rate` [Hz] to the open file `descriptor`.
+
+        It may delete a `temporary` file.
+        """
         spec = {
             "shared": str(self._shared.path),
             "descriptor": descriptor,
@@ -264,7 +268,7 @@ class ProcessGroup:
             "temporary": None if temporary is None else str(temporary),
             "notes": notes,
         }
-        path = self._errors.with_name("recorder.json")  # a command line could be too short for it
+        path = self._errors.with_name("recorder.json")  # it may exceed the length limit of a command line
         path.write_text(json.dumps(spec), encoding="utf-8")
         with path.open("rb") as file:
             self._recorder = start_module(
@@ -273,7 +277,7 @@ class ProcessGroup:
             )  # fmt: skip
 
     def track(self, tracker: Preparation, frame: TrackerFrame | None) -> None:
-        """Start the process of the prepared `tracker`, with the `frame` between it and the stator if there is one."""
+        """Start the process of the prepared `tracker`; `frame` transforms its poses to the stator frame, if given."""
         spec = {
             "shared": str(self._shared.path),
             "descriptor": tracker.descriptor,
@@ -288,13 +292,15 @@ class ProcessGroup:
             errors=self._errors, stdin=subprocess.PIPE, descriptor=descriptor, isolated=True,
         )  # fmt: skip
         assert self._tracker.stdin is not None
-        # A token is in it: no argument, which every account of this computer can read.
+        # By a pipe because it contains a token: every account of this computer can read the arguments of a process.
         with suppress(BrokenPipeError), self._tracker.stdin as stdin:  # ended already: `check` reports why
             stdin.write(json.dumps(spec).encode())
 
     def wait_until_running(self) -> None:
-        """Return when the loop has ticked, and recorder and tracker are ready. Raises ServoError, RecordingError or
-        DriverError otherwise."""
+        """Wait for the first tick and until recorder and tracker are ready.
+
+        Raises ServoError, RecordingError or DriverError if one of them fails.
+        """
         try:
             self._wait()
         finally:
@@ -304,7 +310,7 @@ class ProcessGroup:
     def _wait(self) -> None:
         start = monotonic()
         words = self._shared.words
-        # A tracker may wait for its sender, a servo for its device: they hang only if they are stopped.
+        # A tracker may wait for its sender, a servo for its device: those that only wait do not count as hung.
         group = {"servo": self._servo, "recorder": self._recorder, "tracker": self._tracker}
         watches = [(name, one, HangWatch(one.pid)) for name, one in group.items() if one is not None]
         starved, before_first = StarvedTime(self._servo.pid), 0.0
@@ -316,26 +322,30 @@ class ProcessGroup:
             self.check()
             if trouble := self.tracker_trouble:
                 raise DriverError(trouble)
-            waited = starved.look()
+            waited = starved.read()
             if not (first := words[Word.FIRST_CALL]):
                 before_first = waited
-            elif 1e-9 * (monotonic_ns() - first) > _FIRST_CALL + min(waited - before_first, _ROOM * _FIRST_CALL):
-                raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL))
-            if monotonic() > start + _START + min(waited, _ROOM * _START):
+            elif 1e-9 * (monotonic_ns() - first) > _FIRST_CALL_TIMEOUT_S + min(
+                waited - before_first, _MAX_EXTENSION * _FIRST_CALL_TIMEOUT_S
+            ):
+                raise ServoError(_ENDLESS.format(self._shared.world_now(), _FIRST_CALL_TIMEOUT_S))
+            if monotonic() > start + _STARTUP_TIMEOUT_S + min(waited, _MAX_EXTENSION * _STARTUP_TIMEOUT_S):
                 raise ServoError(
                     f"the servo did not start within {monotonic() - start:.0f} s ({waited:.0f} s of it without a "
                     "processor); close other programs, and try again"
                 )
             for name, process, watch in watches:
-                hangs = watch.look() > _NOTHING  # safety: start-hangs
+                hangs = watch.update() > _START_HANG_TIMEOUT_S  # safety: start-hangs
                 if hangs and (name == "recorder" or state_of(process.pid)() == "T"):
-                    raise (RecordingError if name == "recorder" else ServoError)(_HUNG_START.format(name, _NOTHING))
+                    raise (RecordingError if name == "recorder" else ServoError)(
+                        _HUNG_START.format(name, _START_HANG_TIMEOUT_S)
+                    )
             self.compiler.help_start()
             sleep(0.005)
 
     def check(self) -> None:
         """Raise ServoError if the servo ended, RecordingError if the recorder did."""
-        # Looked at first: the servo's end is the recorder's, too.
+        # The servo first: its end also ends the recorder.
         recorder = self._recorder
         over = recorder and (self._shared.words[Word.RECORDER] >= Phase.ENDED or recorder.poll() is not None)
         code = self._servo.poll()
@@ -346,7 +356,7 @@ class ProcessGroup:
 
     @property
     def recorder_trouble(self) -> str:
-        """Why the recording has ended; empty if there is no problem."""
+        """Reason why the recording has ended; empty if there is no problem."""
         if self._recorder is None:
             return ""
         reason = self._shared.recorder_reason.read()[1]
@@ -364,7 +374,7 @@ class ProcessGroup:
 
     @property
     def tracker_trouble(self) -> str:
-        """Why there are no more poses, in one clause; empty if there is no problem or no such process."""
+        """Reason why the tracker's process has ended, in one clause; empty without a problem or such a process."""
         if self._tracker is None:
             return ""
         reason = self._shared.tracker_reason.read()[1]
@@ -377,72 +387,76 @@ class ProcessGroup:
 
     @property
     def ended_on_request(self) -> bool:
-        """Whether the loop was asked to end, and has not failed before it did."""
+        """Whether the loop was requested to end, and has not failed before."""
         failed = self._shared.phase is Phase.FAILED or bool(self._hang)
         return bool(self._shared.words[Word.QUIT]) and not failed and self._servo.poll() in (None, 0)
 
     def end(self, interrupted: threading.Event) -> None:
-        """End all processes: by request, else by force; at once by force when `interrupted` while this takes long. May
-        be called twice. The loop was asked to end before: see `Servo.end_loop`."""
+        """End all processes: on request, else by force; at once by force when `interrupted`. May be called twice.
+
+        The loop must have been requested to end before: see `Servo.end_loop`.
+        """
         if self._end_sent:
             return
         self._end_sent = True
-        for patience, force in ((_FINISH, signal.SIGTERM), (_FINISH / 2, signal.SIGKILL)):
+        for patience, force in ((_END_TIMEOUT_S, signal.SIGTERM), (_END_TIMEOUT_S / 2, signal.SIGKILL)):
             if wait_for_end(self._servo, patience):
                 break
             self._servo.send_signal(force)
         else:
-            wait_for_end(self._servo, _FINISH)  # killed: soon, unless the kernel holds it
+            wait_for_end(self._servo, _END_TIMEOUT_S)  # killed: soon, unless the kernel blocks it
         self._end_group()
         self.compiler.end()
         self._output.end()
-        end_process(self._tracker, _FINISH)
+        end_process(self._tracker, _END_TIMEOUT_S)
         if self._shared.words[Word.RECORDER] == Phase.STARTING:
-            end_process(self._recorder, 0.0)  # there are no rows to be kept
+            end_process(self._recorder, 0.0)  # there are no rows to store
         if self._recorder and not wait_for_end(self._recorder, _EXPLAIN_AFTER_S):
-            show(_DRAINING.format(_DRAIN))
+            show(_DRAINING.format(_DRAIN_TIMEOUT_S))
             interrupted.clear()
-            end_process(self._recorder, _DRAIN, interrupted)
+            end_process(self._recorder, _DRAIN_TIMEOUT_S, interrupted)
         self._ending.set()
         self._heart.join()
         self._black_box.finish()
 
     def _beat(self) -> None:
-        raise_priority()  # on an overloaded computer half a second may pass before an ordinary thread has its turn
+        raise_priority()  # on an overloaded computer an ordinary thread may be delayed by 0.5 s
         words = self._shared.words
         ticking, recording = StallTime(2 * _HEARTBEAT_INTERVAL_S), StallTime(2 * _HEARTBEAT_INTERVAL_S)
         while not self._ending.wait(_HEARTBEAT_INTERVAL_S):
             words[Word.HEARTBEAT] = monotonic_ns()
-            self._signals.look()
-            self._black_box.look()
+            self._signals.poll()
+            self._black_box.collect()
             now = monotonic()
             self._watch_servo(now, ticking)
-            still = recording.look(now, words[Word.RECORDER_LOOKS])
+            still = recording.update(now, words[Word.RECORDER_LOOKS])
             writing = words[Word.RECORDER] == Phase.RUNNING
-            self._stall = _STALL.format(still) if writing and still > _STALLED else ""  # safety: recorder-stalled
+            self._stall = (
+                _STALL.format(still) if writing and still > _RECORDER_TIMEOUT_S else ""
+            )  # safety: recorder-stalled
 
     def _watch_servo(self, now: float, ticking: StallTime) -> None:
-        """End a servo whose tick does not end, and look how much memory it takes."""
+        """End a servo whose tick does not end, and measure its memory."""
         if not self.alive or self._end_sent:
-            ticking.look(now, -1)
+            ticking.update(now, -1)
             return
-        self.memory.look(now)
-        still = ticking.look(now, self._shared.words[Word.TICKS])
-        waited = self._starved.look()
+        self.memory.update(now)
+        still = ticking.update(now, self._shared.words[Word.TICKS])
+        waited = self._starved.read()
         if still <= 2 * _HEARTBEAT_INTERVAL_S:
             self._waited_before = waited
-        still -= min(waited - self._waited_before, _PROCESS_GROUP_HUNG)  # a servo that waits does not hang
-        if still > _PROCESS_GROUP_HUNG:
+        still -= min(waited - self._waited_before, _KILL_TIMEOUT_S)  # a starved servo does not hang
+        if still > _KILL_TIMEOUT_S:
             world = self._shared.world_now()
             self._hang = _HANG.format(world, still)  # safety: world-hung
             self._servo.kill()
             self._end_group()
-        elif still > _STUCK and not self._asked:
+        elif still > _STUCK_TIMEOUT_S and not self._asked:
             self._servo.send_signal(signal.SIGUSR2)
-        self._asked = still > _STUCK  # once: a second one could meet what the first one has begun
+        self._asked = still > _STUCK_TIMEOUT_S  # once: a second signal could interrupt the handling of the first
 
     def _end_group(self) -> None:
-        """End what the servo's process left behind in its group: what a world has started."""
+        """End the remaining processes of the servo's group: those that a world has started."""
         with suppress(OSError):
             os.killpg(self._servo.pid, signal.SIGKILL)  # safety: world-children
 

@@ -1,8 +1,8 @@
-"""The process that records: `python -m haptorb.runtime.recorder_process SPEC`.
+"""Recorder process: `python -m haptorb.runtime.recorder_process SPEC`.
 
-It outlives the servo, not by much. It reads the ring about fifty times a second, so a slow disk never touches the loop.
-It ends when the servo has ended, however that happened, and drains the ring first. Its imports are few: it must be
-there before the first tick.
+It polls the ring buffer about fifty times a second, so a slow disk never delays the loop. It ends shortly after the
+servo, however that has ended, and drains the ring buffer first. Its imports are few: it must be ready before the
+first tick.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from haptorb.runtime.shared_memory import REGULAR, Phase, SharedMemory, Word, sp
 __all__ = ["main"]
 
 _POLL_INTERVAL_MS = 20  #: [ms]
-_STALLED = 30.0  #: without a look for rows, after which the kernel ends the process [s]
+_WATCHDOG_TIMEOUT_S = 30.0  #: watchdog timeout: without a poll for this long the kernel kills the process
 
 
 def main(spec: Mapping[str, Any]) -> int:
@@ -36,7 +36,7 @@ def main(spec: Mapping[str, Any]) -> int:
     unix_minus_monotonic [ns], notes (name → texts), temporary (path to remove if the parent is gone, or null).
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end; until then rows are worth keeping
+        signal.signal(number, signal.SIG_IGN)  # it ends after the servo; until then rows are recorded
     shared = SharedMemory(Path(spec["shared"]))
     try:
         _record(shared, spec)
@@ -59,7 +59,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
     with os.fdopen(spec["descriptor"], "wb") as file:
         recorder = Recorder(file, shared.layout, spec["rate"], spec["unix_minus_monotonic"])
         for name, values in spec["notes"].items():
-            recorder.note(name, values)
+            recorder.add_metadata(name, values)
         file.flush()
         words[Word.RECORDER] = Phase.RUNNING
         cursor = worlds = lost = errors = states = left_out = 0
@@ -67,41 +67,41 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
         last = described = False
         while True:
             words[Word.RECORDER_LOOKS] += 1
-            timer.set(_STALLED)
+            timer.set(_WATCHDOG_TIMEOUT_S)
             last = servo.wait(_POLL_INTERVAL_MS) or words[Word.PHASE] >= Phase.ENDED
             for number, text in shared.worlds_since(worlds):
-                recorder.note("world", {"change": str(number), "tick": str(words[Word.TICKS]), "world": text})
+                recorder.add_metadata("world", {"change": str(number), "tick": str(words[Word.TICKS]), "world": text})
                 worlds = number + 1
             if shared.error.version != errors:
                 errors, text = shared.error.read()
                 if text:
-                    recorder.note("error", {"tick": str(words[Word.TICKS]), "text": text})
+                    recorder.add_metadata("error", {"tick": str(words[Word.TICKS]), "text": text})
             for number, tick, snapshot in shared.states.read_since(states, REGULAR):
                 states = number
                 if words[Word.RECORDING_PAUSED]:
                     continue
                 arrays = split_snapshot(shared.states.layout.read()[1], snapshot)
                 if not described:
-                    recorder.note(LAYOUT_NOTE, {"arrays": describe_arrays(arrays)})
+                    recorder.add_metadata(LAYOUT_NOTE, {"arrays": describe_arrays(arrays)})
                     described = True
-                recorder.note(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(arrays)})
+                recorder.add_metadata(STATE_NOTE, {"tick": str(tick), "arrays": pack_arrays(arrays)})
             before = cursor
             cursor, rows = shared.ring.read_since(cursor)
             gap = cursor - before - len(rows)
-            # After the rows were read: what is published once the pause has ended is recorded.
+            # After the rows were read: rows that are published after the pause are recorded.
             if words[Word.RECORDING_PAUSED]:
                 if not left_out:
-                    recorder.note("pause", {"after": str(recorder.written)})
+                    recorder.add_metadata("pause", {"after": str(recorder.written)})
                 left_out += gap + len(rows)
                 words[Word.TAKEN] = cursor
                 if not last:
                     continue
                 gap, rows = 0, rows[:0]
             if left_out:
-                recorder.note("resume", {"rows": str(left_out), "after": str(recorder.written)})
+                recorder.add_metadata("resume", {"rows": str(left_out), "after": str(recorder.written)})
                 left_out = 0
             if gap:
-                recorder.note("gap", {"rows": str(gap), "after": str(recorder.written)})
+                recorder.add_metadata("gap", {"rows": str(gap), "after": str(recorder.written)})
                 lost += gap
             words[Word.LOST], words[Word.TAKEN] = lost, cursor
             recorder.append(rows)
@@ -109,15 +109,15 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
             if last and not len(rows):
                 break
         reason = shared.reason.read()[1]
-        recorder.note("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
+        recorder.add_metadata("end", {"rows": str(recorder.written), "lost": str(lost), "reason": reason})
         recorder.finish()
         words[Word.WRITTEN] = recorder.safe_rows
-        # Only a complete recording may be replaced by hand; one that was cut short stays write-protected.
+        # Only a complete recording may be overwritten; a truncated one stays write-protected.
         complete(file.fileno(), temporary=bool(spec["temporary"]))
 
 
 class _ProcessExit:
-    """Waits for a process that is not this one's child, and sees its end even before anybody asked for its code."""
+    """Waits for the end of a process that is not a child of this one, also of one that was not reaped yet."""
 
     def __init__(self, pid: int) -> None:
         self._poll = select.poll()
@@ -128,7 +128,7 @@ class _ProcessExit:
             self._ended = True
 
     def wait(self, milliseconds: int) -> bool:
-        """Wait at most so long; True as soon as the process has ended."""
+        """Wait for at most `milliseconds`; True as soon as the process has ended."""
         self._ended = self._ended or bool(self._poll.poll(milliseconds))
         return self._ended
 

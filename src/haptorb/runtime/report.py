@@ -1,4 +1,4 @@
-"""What a run was like, in numbers: counted by the loop itself, so nothing that the host missed is missing."""
+"""The report of a run: figures that the loop itself counts, so that they are complete even if the host was late."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def loop_report(shared: SharedMemory, tracker: str = "pointer") -> dict[str, Any
 
     success_rate: ticks that began and ended within their period, over all deadlines that passed. stage_us: medians
     over the last rows. coil_state: "off" (the device confirmed it), "on" or "unknown", by the last row. ahead_us:
-    what the driver did before the deadlines of the last rows, which no tick waits for (a simulated device moves on
-    there). peak_force_n, peak_torque_nm: of what is really on the mover where that is known, else of what is
-    modelled. tracking: how well the poses came, see `tracking`. error: what the world or the driver said at the last
-    trip that one of them caused. The trips' sentences are for those whose poses come from `tracker`.
+    time of the driver's work before the deadlines of the last rows, which delays no tick (a simulated device advances
+    there). peak_force_n, peak_torque_nm: of the actual wrench on the mover where that is known, else of the
+    model's. tracking: quality of the poses, see `tracking`. error: message of the world or the driver at the last
+    trip that one of them caused. Trips are explained for the tracker `tracker`.
     """
     words = shared.words
     ticks, missed = words[Word.TICKS], words[Word.MISSED]
@@ -61,7 +61,7 @@ def loop_report(shared: SharedMemory, tracker: str = "pointer") -> dict[str, Any
 
 
 def _coil_state(shared: SharedMemory) -> str | None:
-    """Of the newest row; None before the first."""
+    """Coil state in the newest row; None before the first."""
     row = shared.ring.latest()
     if row is None:
         return None
@@ -70,9 +70,9 @@ def _coil_state(shared: SharedMemory) -> str | None:
 
 
 def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
-    """Rows that are in the recording, and rows that will never be.
+    """Count the rows in the recording, and the lost rows.
 
-    over: the recorder writes no more, however it ended. As long as it may, rows that still wait for it are not lost.
+    over: the recorder has ended, in whatever way. Before that, rows that still wait for it are not lost.
     """
     words = shared.words
     rows, published = int(words[Word.WRITTEN]), int(words[Word.ROWS])
@@ -83,8 +83,7 @@ def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
 
 
 def trips(shared: SharedMemory, tracker: str) -> list[dict[str, Any]]:
-    """The first trips in order: time on the loop's clock [s], code, and the sentence for people whose poses come from
-    `tracker`."""
+    """List the first trips in order: time on the loop's clock [s], code, and explanation for the tracker `tracker`."""
     found, facts = [], tracker_facts(shared)
     for t, code in shared.trips[: min(shared.words[Word.TRIPS], TRIPS)].tolist():
         trip = Trip(int(code))
@@ -93,10 +92,10 @@ def trips(shared: SharedMemory, tracker: str) -> list[dict[str, Any]]:
 
 
 def tracking(shared: SharedMemory) -> dict[str, Any]:
-    """How fresh the poses were that the loop used, over its last rows, and what the tracker's own process counted.
+    """Age of the poses that the loop used, over its last rows, and the counts of the tracker's own process.
 
-    poses_hz: different poses a second; age_ms: of the pose in use, 50th and 99th percentile. A tracker with a process
-    of its own adds rate, jitter and latency [Hz, ms] of what arrived, and how many were accepted, lost and refused.
+    poses_hz: different poses a second; age_ms: of the pose in use, 50th and 99th percentile. A tracker with its own
+    process adds rate, jitter and latency [Hz, ms] of received poses, and how many were accepted, lost and rejected.
     """
     _, rows = shared.ring.read_since(0)
     at = shared.layout
@@ -112,7 +111,7 @@ def tracking(shared: SharedMemory) -> dict[str, Any]:
 
 
 def tracker_facts(shared: SharedMemory) -> dict[str, Any]:
-    """What the tracker's own process counted last; empty if there is none, or before its first word."""
+    """Last counts of the tracker's own process; empty without one, or before its first report."""
     _, facts = shared.tracker_facts.read()
     return dict(json.loads(facts)) if facts else {}
 
@@ -144,7 +143,7 @@ def _stages(shared: SharedMemory) -> dict[str, float]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The report of a run: a dict of plain JSON types whose repr shows the main figures.
+# The report as a dict of plain JSON types whose repr shows the main figures.
 
 
 _SHARES = {"p50": "50 %", "p99": "99 %", "p999": "99.9 %"}
@@ -152,7 +151,7 @@ _SHARES = {"p50": "50 %", "p99": "99 %", "p999": "99.9 %"}
 
 @final
 class RunReport(dict[str, Any]):
-    """What `Servo.report` returns. `dict(report)` shows everything.
+    """Report of a run, as returned by `Servo.report`. `dict(report)` shows everything.
 
     >>> RunReport(device="omni", world="dome", ticks=5000, missed=0, trip_count=0, peak_force_n=0.25)
     <RunReport of omni, world dome: 5000 ticks, deadlines missed 0, trips 0, largest force 250 mN>
@@ -185,25 +184,25 @@ class RunReport(dict[str, Any]):
         return facts_html(f"Run of {self.get('device')}", [(name, text) for name, text in facts if text])
 
     def _largest(self) -> list[tuple[str, str]]:
-        """Force and torque, where there was any."""
+        """Peak force and torque, where they are not zero."""
         found = (("largest force", "peak_force_n", "N"), ("largest torque", "peak_torque_nm", "N·m"))
         return [(name, format_quantity(self[key], unit)) for name, key, unit in found if self.get(key)]
 
 
 def _list_percentiles(shares: Any) -> str:
-    """Shares of the ticks and their times [µs], as `p50` … of the report; empty without any."""
+    """Format percentiles of the ticks' times [µs], as `p50` … of the report; empty without any."""
     if not isinstance(shares, dict):
         return ""
     return ", ".join(f"{_SHARES.get(name, name)} up to {value:.0f} µs" for name, value in shares.items() if value)
 
 
 # --------------------------------------------------------------------------------------------------
-# Whether a scene does less than it should: read off the memory that its rows have.
+# Reduced detail of a scene, read from its memory in the rows.
 
 
 def read_detail(shared: SharedMemory) -> dict[str, Any]:
-    """Of the world that is rendered, if it is a scene: `detail` (0: full), `lighter_ticks` with less, and `behind_s`
-    [s], by which its time has fallen behind; empty for every other world."""
+    """Read from a rendered scene: `detail` (0: full), `lighter_ticks` with less, and the lag `behind_s` of its time
+    [s]; empty for every other world."""
     changes, row = shared.worlds_since(shared.words[Word.WORLD] - 1), shared.ring.latest()
     if not changes or row is None:
         return {}
@@ -224,7 +223,7 @@ def read_detail(shared: SharedMemory) -> dict[str, Any]:
 
 
 def describe_detail(found: dict[str, Any], *, now: bool = False) -> str:
-    """One sentence for people about what `read_detail` has found; empty while a scene had full detail.
+    """Describe the result of `read_detail` in one sentence; empty while a scene had full detail.
 
     now: only while it has less.
     """
@@ -237,16 +236,16 @@ def describe_detail(found: dict[str, Any], *, now: bool = False) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# What is wrong with a world's code, read off the rows: it failed, or it takes too long for a tick.
+# Faults of a world's code, read from the rows: it failed, or it takes too long for a tick.
 
 
-_ROWS = 64  #: the last ones, of which the median counts
-_SHARE = 0.5  #: of a period that a world may take; the rest of the tick needs about 0.2 ms
+_MEDIAN_ROWS = 64  #: number of last rows for the median
+_MAX_PERIOD_SHARE = 0.5  #: share of a period that a world may take; the rest of the tick needs about 0.2 ms
 _STAGE = STAGES.index("world")
 
 
 def is_tripped(shared: SharedMemory, reason: Trip) -> bool:
-    """Whether the coils are off by `reason` now."""
+    """Whether the coils are off because of `reason`."""
     row = shared.ring.latest()
     if row is None:
         return False
@@ -255,20 +254,20 @@ def is_tripped(shared: SharedMemory, reason: Trip) -> bool:
 
 
 def world_failure(shared: SharedMemory) -> str:
-    """What the world's code raised, and where, or what of its memory is not finite, if that has switched the coils off;
-    else empty."""
+    """Error of the world's code with its place, or the value in its memory that is not finite, if that has switched
+    the coils off; else empty."""
     failed = is_tripped(shared, Trip.WORLD_FAILED) or is_tripped(shared, Trip.MEMORY_NOT_FINITE)
     if not failed or not (error := shared.error.read()[1]):
-        return ""  # the row comes a moment before the error
+        return ""  # the row is published shortly before the error
     return f"world '{shared.world_now()}' failed: {error}"
 
 
 def describe_slow_world(shared: SharedMemory, rate: float) -> str:
-    """That the world takes more than half of a tick at `rate` [Hz], with both times; else empty."""
-    _, rows = shared.ring.read_since(max(shared.words[Word.ROWS] - _ROWS, 0))
+    """Warning that the world takes more than half of a tick at `rate` [Hz], with both times; else empty."""
+    _, rows = shared.ring.read_since(max(shared.words[Word.ROWS] - _MEDIAN_ROWS, 0))
     times = rows[:, shared.layout["stages"].start + _STAGE]
     times = times[np.isfinite(times)]
-    if len(times) < _ROWS // 4 or not (took := float(np.median(times))) > _SHARE / rate:
+    if len(times) < _MEDIAN_ROWS // 4 or not (took := float(np.median(times))) > _MAX_PERIOD_SHARE / rate:
         return ""
     return (
         f"world '{shared.world_now()}' takes {1e3 * took:.2g} ms in each tick, and a tick at {rate:g} Hz has "

@@ -72,12 +72,12 @@ if TYPE_CHECKING:
 
 __all__ = ["MAX_TORQUE_SCALE", "Servo"]
 
-MAX_TORQUE_SCALE = 100.0  #: of a motor's torques [1]
+MAX_TORQUE_SCALE = 100.0  #: largest scale of a motor's torques [1]
 
-_POLL_INTERVAL_S = 0.02  #: between two checks whether all is well
-_ANSWER_TIMEOUT_S = 2.0  #: of the servo, for another world
-_LOAD_TIMEOUT_S = 30.0  #: where it loads a world, which may be compiled there
-_COMPILE_TIMEOUT_S = 150.0  #: where that waits for code that another process compiles
+_POLL_INTERVAL_S = 0.02  #: between two checks of loop, recorder and world
+_ANSWER_TIMEOUT_S = 2.0  #: for the servo's answer to a request for another world
+_LOAD_TIMEOUT_S = 30.0  #: the same if the servo must load the world, and may have to compile it
+_COMPILE_TIMEOUT_S = 150.0  #: the same if another process must compile it first
 _NOT_STARTED = "the servo was not started: use `with haptorb.Servo(...) as servo:`"
 _PREPARING = "preparing world '{}': its code is being compiled, once on this computer; the previous world continues"
 
@@ -198,11 +198,11 @@ class Servo:
         }  # fmt: skip
         self.config = config = _describe(device, settings)
         self.hand = HandCommands(config, lambda: self._memory)
-        self.tracker_token = ""  #: what senders on other computers must say first; known once the servo is open
+        self.tracker_token = ""  #: token that senders on other computers must send first; set by `open`
         name, (plain, _) = name_of(config.world), split_remote(config.world)
-        #: worlds beside the catalogue's that `set_world` knows, by name: the first one, if it is none of those
+        #: worlds beside the catalogue's that `set_world` accepts, by name: the first one, if it is none of those
         self.own_worlds: Mapping[str, World] = {} if type(plain) is CATALOGUE.get(name) else {name: plain}
-        self.world_ahead = ""  #: world that was chosen, and whose code is being compiled, once on this computer
+        self.world_ahead = ""  #: requested world whose code is being compiled, once on this computer
         self._requests = 0
         self._requesting = threading.Lock()
         self._stop_numbers = count(1)
@@ -216,9 +216,9 @@ class Servo:
         self._children: ProcessGroup | None = None
         self._folder: Path | None = None
         self._watcher: WorldWatcher | None = None
-        self._claim: FileLock | None = None  # on the folder
+        self._claim: FileLock | None = None  # lock of the folder
 
-    # What the description of the run says.
+    # Settings of the run.
 
     @property
     def device(self) -> Device:
@@ -257,12 +257,12 @@ class Servo:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Controller models that `set_model` knows, the default first."""
+        """Controller models that `set_model` accepts, the default first."""
         return self.device.tick_models
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """Modes that `set_mode` knows; empty where the device acts directly."""
+        """Modes that `set_mode` accepts; empty where the device acts directly."""
         return self.device.kind.modes
 
     @property
@@ -274,7 +274,7 @@ class Servo:
     # Start and end.
 
     def open(self, standby: PrestartedProcess | None = None) -> None:
-        """Start; returns when the loop runs.
+        """Start the servo; returns when the loop runs.
 
         Parameters
         ----------
@@ -292,7 +292,7 @@ class Servo:
             raise ServoError("this servo was already started; create a new one")
         preparation = prepare_tracker(self.tracker) if self.config.has_feed else None
         descriptor: int | None = None
-        tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # beside the start, which waits
+        tidying = threading.Thread(target=sweep, name="haptorb-tidying", daemon=True)  # in parallel with the start
         tidying.start()
         try:
             descriptor = self._recording.open()
@@ -309,13 +309,15 @@ class Servo:
             tidying.join()
 
     def end_loop(self) -> None:
-        """Coils off and the loop ended within a tick; returns at once. Every end of a run begins with this. `close`
-        does what else is to be done. May be called from any thread, and twice."""
+        """Switch the coils off and end the loop within a tick; returns at once.
+
+        Every end of a run begins with this; `close` does the rest. May be called from any thread, and twice.
+        """
         if self._shared is not None:
             self._shared.words[Word.QUIT] = 1  # safety: stop-first
 
     def close(self) -> None:
-        """Coils off, processes ended, recording complete. May be called twice.
+        """Switch the coils off, end all processes and complete the recording. May be called twice.
 
         A signal meanwhile has its effect afterwards; Ctrl-C while the recorder takes long ends it at once.
         """
@@ -326,7 +328,7 @@ class Servo:
 
     def _tidy(self, interrupted: threading.Event) -> None:
         with ExitStack() as last:
-            # The last one first: each is done, though one before it fails.
+            # In reverse order: each is executed even if another one fails.
             if self._claim is not None:
                 last.callback(self._claim.close)
             if self._folder is not None:
@@ -365,7 +367,7 @@ class Servo:
         if tracker is not None:
             self.tracker_token = tracker.token
             self._children.track(tracker, self.config.frame)
-        # What `report` loads at its first percentile: while the loop runs it would delay this program's heartbeat.
+        # Load the code of `report` now: while the loop runs it would delay this program's heartbeat.
         import_module("numpy.ma")
         self._children.wait_until_running()
         if self.config.world_file is not None:
@@ -379,7 +381,7 @@ class Servo:
         self.replace_own_world(world if coupling is None else coupling.couple(world), values, self._folder)
 
     def _make_plan(self) -> plan.Plan:
-        """For the servo's process."""
+        """Make the startup data of the servo's process."""
         return plan.Plan(self.config, self.own_worlds, own_implementations(self.device), assemble)
 
     def _attach(self, shared: SharedMemory) -> None:
@@ -394,7 +396,7 @@ class Servo:
             raise ServoError(_NOT_STARTED)
         return self._shared
 
-    # The block that it runs in: `with`, `async with`, and waiting in there.
+    # Context managers, and waiting within their blocks.
 
     def __enter__(self) -> Self:
         self.open()
@@ -438,7 +440,7 @@ class Servo:
             If the path of the hand fails, or `seconds` is negative or not finite.
         """
         if self._signals is not None:
-            self._signals.look()  # what came before, and was caught, is not lost in here
+            self._signals.poll()  # earlier signals, whose exception was caught, are not repeated in here
         begun = monotonic()
         end = begun + _check_seconds(seconds)
         try:
@@ -493,13 +495,13 @@ class Servo:
             await asyncio.sleep(pause)
 
     def _check_all(self, end: float) -> float:
-        """Time until `end` [s]; raises if something is wrong."""
+        """Check everything, and return the time until `end` [s]; raises if something is wrong."""
         self.check()
         self.check_world()
         self.hand.check()
         return end - monotonic()
 
-    # Commands, written into memory that the loop reads in every tick.
+    # Commands, written to shared memory that the loop reads in every tick.
 
     @property
     def stops(self) -> int:
@@ -512,7 +514,7 @@ class Servo:
 
         Before or during the start, it takes effect from the first tick.
         """
-        # Every stop has a number of its own: two threads that stop at once cannot hide one's behind the other's.
+        # Every stop has its own number: of two threads that stop at once, neither overwrites the other's stop.
         self._stopped = number = next(self._stop_numbers)
         shared = self._shared
         if shared is not None:
@@ -727,7 +729,7 @@ class Servo:
                 self.world_ahead = ""
 
     def _await_answer(self, shared: SharedMemory, name: str, longest: float) -> None:
-        """Return when the request for the world `name` is fulfilled, after at most `longest` [s]."""
+        """Wait until the request for the world `name` is answered, for at most `longest` [s]."""
         patience = monotonic() + longest
         while True:
             text = shared.answer.read()[1]
@@ -747,11 +749,11 @@ class Servo:
                 raise ServoError(f"the servo did not respond within {longest:g} s; close other programs, and try again")
             sleep(0.0005)
 
-    # What comes back from the loop.
+    # Data from the loop.
 
     @property
     def layout(self) -> RowLayout:
-        """Which numbers of a row are what, with room for the memory of every world that this servo was given."""
+        """Layout of a row, with room for the memory of every world that this servo was given."""
         if self._shared is not None:
             return self._shared.layout
         given = (self.config.world, *self.own_worlds.values())
@@ -765,7 +767,7 @@ class Servo:
         )
 
     def _describe_phase(self) -> str:
-        """Whether it runs, and with which force; or why not."""
+        """Describe whether it runs, and with which force; or why not."""
         if self._children is None:
             return "not started"
         try:
@@ -927,8 +929,8 @@ class Servo:
 
     @property
     def missing_pose(self) -> str:
-        """The pose that the servo waits for, with the counts so far, while the newest row has no valid pose from a
-        tracker with its own process; else empty."""
+        """The missing pose, with the counts so far, while the newest row has no valid pose from a tracker with its own
+        process; else empty."""
         shared = self._shared
         row = None if shared is None else shared.ring.latest()
         if shared is None or row is None or row[shared.layout["valid"].start] == 1.0:
@@ -949,14 +951,14 @@ class Servo:
         shared = self._shared
         row = None if shared is None else shared.ring.latest()
         number = -1.0 if row is None else float(row[self.layout["part"].start])
-        return PARTS[int(number)] if number >= 0.0 else None  # NaN too: nothing is known
+        return PARTS[int(number)] if number >= 0.0 else None  # NaN too: unknown
 
     @property
     def trips(self) -> tuple[TripRecord, ...]:
         """The first 64 trips, each with the last 100 ticks up to it."""
         if self._black_box is None:
             return ()
-        self._black_box.look()
+        self._black_box.collect()
         return tuple(self._black_box.trips)
 
     @property
@@ -972,7 +974,7 @@ class Servo:
         """
         return self._recording.read()
 
-    # The hand, by the names of earlier versions.
+    # Commands to the hand by their names in earlier versions.
 
     def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
         """Earlier name of `hand.point`; see there.
@@ -1025,8 +1027,8 @@ def _check_seconds(seconds: float) -> float:
 
 
 async def _complete(work: Callable[[], None]) -> None:
-    """`work` in a thread, to its end: a task that is cancelled waits until it is done, because a servo
-    that has half started must be closed."""
+    """Run `work` in a thread, to its end: a cancelled task waits for it, because a servo that was started in part must
+    be closed."""
     task = asyncio.ensure_future(asyncio.to_thread(work))
     cancelled: asyncio.CancelledError | None = None
     while not task.done():
@@ -1035,7 +1037,7 @@ async def _complete(work: Callable[[], None]) -> None:
         except asyncio.CancelledError as cause:
             cancelled = cause
     if cancelled is not None:
-        task.exception()  # otherwise it is reported nowhere
+        task.exception()  # retrieve it: asyncio would log it otherwise
         raise cancelled
     task.result()
 
@@ -1048,7 +1050,7 @@ _DEFAULTS: Mapping[str, Any] = {
 
 
 def _describe(device: str | Path | Device | RunConfig, settings: Mapping[str, Any]) -> RunConfig:
-    """The description of a run, made or given. Raises InputError for settings beside one that is given."""
+    """Make the description of a run, or return the given one. Raises InputError for settings beside a given one."""
     if not isinstance(device, RunConfig):
         return RunConfig.of(device, settings["world"], **{name: settings[name] for name in settings if name != "world"})
     beside = [name for name, usual in _DEFAULTS.items() if settings[name] is not usual and settings[name] != usual]

@@ -1,10 +1,10 @@
-"""The process that holds the coils: `python -m haptorb.runtime.servo_process FOLDER PARENT`.
+"""Servo process, which runs the loop and drives the coils: `python -m haptorb.runtime.servo_process FOLDER PARENT`.
 
 It loads what any servo needs, then waits on its standard input for the path of the memory that it shares with its
-host; by then the plan lies in the folder. A host that hangs up needs no servo.
+host; by then the plan is in the folder. If the host closes the pipe first, the process ends.
 
-A program of its own, not started by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of the
-host's (its threads, its garbage, its interpreter lock) can delay a tick.
+It is a separate program, not started by `multiprocessing`: a user's script needs no `__main__` guard, and nothing of
+the host's (its threads, its garbage, its interpreter lock) can delay a tick.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from haptorb.runtime.tick import Chain, Tick
 from haptorb.runtime.tick_state import TickState
 from haptorb.runtime.trackers.base import Tracker
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
-from haptorb.runtime.warm_up import Compilation, find_uncompiled, list_companions, practise
+from haptorb.runtime.warm_up import Compilation, dry_run, find_uncompiled, list_companions
 from haptorb.runtime.world_change import description
 from haptorb.runtime.world_loading import WorldLoader
 from haptorb.runtime.world_output import WorldOutput
@@ -50,13 +50,13 @@ __all__ = ["disagreement", "main"]
 
 
 # --------------------------------------------------------------------------------------------------
-# Does the calibration in use belong to the device that responds? The message where they disagree.
+# Check that the calibration in use belongs to the device that responds.
 
 
 def disagreement(stored: bytes | None, believed: bytes | None) -> str:
-    """One sentence about the ids that the device keeps and that the controller's calibration has; empty if they agree.
+    """Warning if the calibration id stored in the device differs from the controller's; empty if they agree.
 
-    `stored` None: the device has no memory; zeros: it keeps none. `believed` None: no calibration was given.
+    `stored` None: the device has no memory; zeros: none is stored. `believed` None: no calibration was given.
 
     >>> disagreement(bytes(16), None), disagreement(None, b"x" * 16)
     ('', '')
@@ -79,32 +79,32 @@ def disagreement(stored: bytes | None, believed: bytes | None) -> str:
     )
 
 
-_REHEARSAL = 5  #: ticks
-_BEGIN = 3.0  #: to the first tick, then the loop says [s]
-_FORKED = 70  #: exit code of a child that a world forked
+_WARM_UP_TICKS = 5  #: ticks of the warm-up
+_FIRST_TICK_TIMEOUT_S = 3.0  #: watchdog timeout until the first tick; then the loop sets its own
+_FORKED_EXIT_CODE = 70  #: exit code of a child that a world has forked
 _ALWAYS = ("haptorb.runtime.assembly", "haptorb.runtime.drivers.sim", "haptorb.simulation.registry")
 
 
 def main(folder: Path, parent: int) -> int:
-    """Build what the plan says, run it to its end, and say in the shared memory how it ended; returns the exit code.
+    """Build the chain of the plan, run it, and write to the shared memory how it ended; return the exit code.
 
-    The `folder` was made for this process alone.
+    The `folder` was created for this process alone.
     """
-    _load()  # the host reads a device file meanwhile
+    _load()  # in parallel with the host, which reads a device file
     message = sys.stdin.buffer.read()
-    die_with_parent()  # at once, as long as there is no coil to be switched off
+    die_with_parent()  # by SIGKILL, as long as there are no coils to switch off
     if not message:  # safety: plan-awaited
         shutil.rmtree(folder, ignore_errors=True)
         return 0
     shared = SharedMemory.attach(os.fsdecode(message))
-    if is_parent_gone(parent):  # it ended before the kernel was asked to tell
+    if is_parent_gone(parent):  # it ended before the parent-death signal was requested
         shared.unlink()
         shutil.rmtree(folder, ignore_errors=True)
         return 1
     shared.words[Word.PID] = os.getpid()
     try:
         return _run(shared, folder / PLAN, parent)
-    except SystemExit as end:  # asked to end before the driver was open
+    except SystemExit as end:  # requested to end before the driver was open
         shared.reason.write("ended by a signal before it had begun")
         shared.words[Word.PHASE] = Phase.ENDED
         return int(end.code or 0)
@@ -114,7 +114,7 @@ def main(folder: Path, parent: int) -> int:
         shared.words[Word.PHASE] = Phase.FAILED
         return 1
     finally:
-        if is_parent_gone(parent):  # nothing else will tidy up
+        if is_parent_gone(parent):  # no other process will clean up
             end_group(os.getpid())
             shared.unlink()
             shutil.rmtree(folder, ignore_errors=True)
@@ -122,14 +122,14 @@ def main(folder: Path, parent: int) -> int:
 
 def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     end_signals = _EndSignals(parent)
-    # Who forks in a world would have a second loop at the same device: the child ends before it comes back from there.
-    os.register_at_fork(after_in_child=partial(os._exit, _FORKED))  # safety: world-forked
+    # A fork in a world would be a second loop on the same device: the child ends before it returns from `fork`.
+    os.register_at_fork(after_in_child=partial(os._exit, _FORKED_EXIT_CODE))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.config.world))
-    gc.disable()  # compiling makes a million lasting objects; to scan them took an eighth of a first start
-    tell_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # then another process compiles, too
+    gc.disable()  # compiling makes a million permanent objects; scanning them took an eighth of a first start
+    tell_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # so that another process helps to compile
     with redirect_stdout(None):
-        uncompiled = _rehearse(plan, shared)
+        uncompiled = _warm_up(plan, shared)
     shared.words[Word.UNCOMPILED] = len(uncompiled)
     tracker = _tracker(plan, shared)
     chain, calibration = plan.assemble(tracker), plan.config.calibration
@@ -143,9 +143,9 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         chain, plan.config.world, shared, plan.config.rate, parent, timer.set, own_worlds=plan.own_worlds,
         loader=loader, state=TickState(chain) if isinstance(chain, Tick) else None,
     )  # fmt: skip
-    # What a world prints, warnings included, is the host's to show; a tick must not wait for a terminal.
+    # The host shows the output of a world, warnings included; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)
-    # No collection but this one: another would hold up the loop. What is alive now is never looked at again.
+    # The only garbage collection: another would delay the loop. Existing objects are excluded from any later one.
     gc.collect()
     gc.freeze()
     facts = request_real_time()
@@ -160,63 +160,63 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         shared.warning.write(disagreement(chain.driver.calibration, believed) or chain.remark)
         clock = Clock(plan.config.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
-        die_with_parent(signal.SIGUSR1)  # in order from here on, with the coils off first ...
-        timer.set(_BEGIN)  # ... and by force if that takes long
+        die_with_parent(signal.SIGUSR1)  # from here on an orderly end, with the coils off first ...
+        timer.set(_FIRST_TICK_TIMEOUT_S)  # ... enforced by the watchdog
         well = loop.run(clock)
     finally:
         wakefulness.end()
     gc.enable()
-    if well and loop.told_by:
-        shared.reason.write(f"ended by {loop.told_by}")
+    if well and loop.end_signal:
+        shared.reason.write(f"ended by {loop.end_signal}")
     elif not well:
         shared.reason.write(loop.reason[:4000])
     shared.words[Word.PHASE] = Phase.ENDED if well else Phase.FAILED
-    if loop.told_by:
-        return 128 + signal.Signals[loop.told_by]
+    if loop.end_signal:
+        return 128 + signal.Signals[loop.end_signal]
     return 0 if well else 1
 
 
 def _load() -> None:
-    """What any servo needs: its modules, the worlds, and what loading the first compiled function loads with it."""
+    """Load what any servo needs: its modules, the worlds, and the dependencies of a first compiled function."""
     for module in _ALWAYS:
         import_module(module)
     for kind in worlds.CATALOGUE.values():
         kind()
 
 
-def _rehearse(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
-    """Run a chain of its own for a few ticks: compiled code is loaded now, and not in the first tick.
+def _warm_up(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
+    """Warm-up: run a separate chain for a few ticks, so that compiled code is loaded now, and not in the first tick.
 
-    Then one tick of every world of the catalogue: who chooses another while the loop runs must not wait for its code,
-    and neither must the coils. Those whose code lies in no cache are left to others: a first start is long enough.
-    Returns their names.
+    Then one tick of every world of the catalogue, so that a change of the world while the loop runs needs no loading.
+    Those whose code is not in the cache are left to the compiler process: a first start is long enough. Returns their
+    names.
     """
     for own in (plan.config.world, *plan.own_worlds.values()):
         if type(own) in worlds.CATALOGUE.values():
             continue
-        shared.words[Word.FIRST_CALL] = monotonic_ns()  # the host ends one that does not return
-        with suppress(HaptorbError):  # said in the first tick, with its place
+        shared.words[Word.FIRST_CALL] = monotonic_ns()  # the host kills this process if the call does not return
+        with suppress(HaptorbError):  # reported in the first tick, with its place
             try_world(own, plan.config.device)
         shared.words[Word.FIRST_CALL] = 0
     chain = plan.practice(PointerTracker())
     row = shared.layout.empty()
     with chain.driver:
-        for tick in range(_REHEARSAL):  # the device alone: at a first start another process compiles the rest
+        for tick in range(_WARM_UP_TICKS):  # the device only: at a first start another process compiles the rest
             chain.prepare(tick / plan.config.rate)
         load_loop(row, shared.layout.places)
-        for tick in range(_REHEARSAL, 2 * _REHEARSAL):
+        for tick in range(_WARM_UP_TICKS, 2 * _WARM_UP_TICKS):
             chain.step(row, tick / plan.config.rate)
-        now = 2 * _REHEARSAL / plan.config.rate
+        now = 2 * _WARM_UP_TICKS / plan.config.rate
         for own in (plan.config.world, *plan.own_worlds.values()):
             for one in (*list_companions(plan.config.device, own), own):
-                practise(chain, one, row, now)
+                dry_run(chain, one, row, now)
         return frozenset(
             name for name, kind in worlds.CATALOGUE.items() if not _load_code(plan, chain, kind(), row, now)
         )
 
 
 def _load_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: float) -> bool:
-    """Load the code of `world`, as far as it is compiled; whether all of it is."""
+    """Load the code of `world`, as far as it is compiled; return whether all of it is."""
     if world.remembers:  # without a valid pose the chain does not advance it
         with forbid_compiling() as missing, suppress(HaptorbError, UncompiledKernelError):
             try_world(world, plan.config.device)
@@ -232,11 +232,11 @@ def _tracker(plan: plans.Plan, shared: SharedMemory) -> Tracker:
 
 
 class _EndSignals:
-    """The source of a request to end this process. Its handlers are in place before the coils can be on."""
+    """Signal handlers that end this process; installed before the coils can be on."""
 
     def __init__(self, parent: int) -> None:
-        self.loop: Loop | None = None  #: from when on a signal must wait for the present tick
-        self.early = 0  #: a signal from before that; its SystemExit may be lost in a callback that swallows exceptions
+        self.loop: Loop | None = None  #: once set, a signal takes effect after the current tick
+        self.early = 0  #: a signal from before that; a callback may suppress its SystemExit
         self._parent = parent
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._end)
@@ -247,14 +247,14 @@ class _EndSignals:
         if self.loop is None:
             self.early = number
             sys.exit(128 + number)
-        self.loop.told_by = signal.Signals(number).name
+        self.loop.end_signal = signal.Signals(number).name
 
     def _on_parent_death(self, number: int, frame: FrameType | None) -> None:
         if is_parent_gone(self._parent):
             self._end(number, frame)
 
     def _on_stuck_tick(self, number: int, frame: FrameType | None) -> None:
-        """The host saw no tick for a long time. Raised into a step, this ends a loop in there."""
+        """Handle the host's signal that a tick does not end: raise TickTimeout if a step is running."""
         if self.loop is not None and self.loop.in_step:
             raise TickTimeout(f"world '{self.loop.world}' hangs: one tick took longer than a second")
 

@@ -1,7 +1,7 @@
-"""The memory that host, servo and recorder share: one mapped file with counters, commands, status, texts and rows.
+"""Shared memory of host, servo and recorder: one mapped file with counters, commands, status, texts and rows.
 
-A mapped file and not `multiprocessing.SharedMemory`: there an unrelated process that attaches and exits destroys it.
-Every word has one writer; nothing in here ever waits.
+A mapped file and not `multiprocessing.SharedMemory`, which an unrelated process destroys when it attaches and exits.
+Every word has one writer; all access is non-blocking.
 """
 
 from __future__ import annotations
@@ -68,17 +68,17 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The last rows of the loop in shared memory: one writer, any number of readers, none waits for another.
+# Ring buffer of the loop's rows: one writer, any number of readers, lock-free.
 #
-# The writer copies a row, then raises the count. A reader copies, then looks at the count again: rows that the writer
-# may have reached meanwhile are dropped, so a torn row is never returned. This relies on stores becoming visible in
-# order (x86-64; on weaker machines the interpreter's own work between the two makes a mix-up improbable, not
+# The writer copies a row, then increments the count. A reader copies, then reads the count again: rows that the writer
+# may have overwritten meanwhile are dropped, so a torn row is never returned. This relies on stores becoming visible in
+# order (x86-64; on weaker memory models the interpreter's own work between the two makes reordering improbable, not
 # impossible).
 
 
 @final
 class RingBuffer:
-    """Rows (capacity, width) and, in `words[at]`, how many rows were ever published."""
+    """Ring buffer of rows (capacity, width); `words[at]` counts the rows published since the start."""
 
     def __init__(self, words: memoryview, at: int, rows: Array) -> None:
         self._words, self._at, self._rows = words, at, rows
@@ -90,28 +90,28 @@ class RingBuffer:
         return int(self._words[self._at])
 
     def publish(self, row: Array) -> None:
-        """Append a copy of `row` (width,); for the one writer."""
+        """Append a copy of `row` (width,); for the single writer."""
         self.slot()[:] = row
         self.publish_slot()
 
     def slot(self) -> Array:
-        """(width,) where the next row goes; readers do not see it before `publish_slot`. For the one writer."""
+        """Slot (width,) of the next row; readers do not see it before `publish_slot`. For the single writer."""
         slot: Array = self._rows[self._words[self._at] % self.capacity]
         return slot
 
     def publish_slot(self) -> None:
-        """The next row is in its slot."""
+        """Publish the row in the slot."""
         self._words[self._at] += 1
 
     def read_since(self, cursor: int, most: int | None = None) -> tuple[int, Array]:
-        """(new cursor, rows (n, width)) published after the first `cursor` rows, oldest first, as a copy; the newest
+        """Return (new cursor, rows (n, width)): a copy of the rows published since `cursor`, oldest first; the newest
         `most` of them if there are more.
 
-        Where the writer was faster than the reader, the oldest rows are gone: (new cursor − cursor − n) of them.
+        Where the writer was faster than the reader, the oldest rows are lost: (new cursor − cursor − n) of them.
         """
         capacity = self.capacity
         end = self.count
-        # The slot of row `end` may be half written at any time; it is the slot of row `end − capacity`.
+        # The slot of row `end` may be partly written at any time; it is the slot of row `end − capacity`.
         start = min(max(cursor, end - min(capacity - 1, capacity if most is None else most), 0), end)
         first, last = start % capacity, end % capacity
         rows: Array
@@ -125,7 +125,7 @@ class RingBuffer:
         return end, rows[max(overtaken, 0) :]
 
     def latest(self) -> Array | None:
-        """(width,) the newest row as a copy; None before the first."""
+        """Copy of the newest row (width,); None before the first."""
         while self.count:
             _, rows = self.read_since(self.count - 1)
             if len(rows):
@@ -135,30 +135,30 @@ class RingBuffer:
 
 
 # --------------------------------------------------------------------------------------------------
-# A bounded text in shared memory with a version: one writer, readers that never see half of it.
+# A bounded, versioned text in shared memory, protected by a sequence lock: one writer, no torn reads.
 
 
-SIZE = 16_384  #: bytes of a slot, its two leading words included
+SIZE = 16_384  #: size of a slot, including its two leading words [bytes]
 
 _TEXT_SLOT_TRIES = 100
 
 
 @final
 class TextSlot:
-    """Two words (version, length) and UTF-8. The version is odd while the text is being written."""
+    """Slot of two words (version, length) and UTF-8 text. The version is odd while the text is being written."""
 
     def __init__(self, memory: memoryview) -> None:
         self._words = memory[:16].cast("q")
         self._bytes = memory[16:]
-        self.room = len(self._bytes)  #: longest text [bytes]
+        self.room = len(self._bytes)  #: maximum length of the text [bytes]
 
     @property
     def version(self) -> int:
-        """How many texts were written; compares unequal after every `write`."""
+        """Version of the text; changes with every `write`."""
         return int(self._words[0]) // 2
 
     def write(self, text: str) -> int:
-        """Replace the text; returns its version. Raises InputError if it is too long."""
+        """Replace the text; return its version. Raises InputError if it is too long."""
         data = text.encode()
         if len(data) > self.room:
             raise InputError(f"a message of {len(data)} bytes is too long: at most {self.room}")
@@ -170,7 +170,7 @@ class TextSlot:
         return (version + 1) // 2
 
     def read(self) -> tuple[int, str]:
-        """(version, text); (0, "") before the first, and if a writer ended while it wrote."""
+        """Return (version, text); (0, "") before the first, and if a writer ended while writing."""
         for _ in range(_TEXT_SLOT_TRIES):
             before = self._words[0]
             length = self._words[1]
@@ -183,7 +183,7 @@ class TextSlot:
 
 
 # --------------------------------------------------------------------------------------------------
-# Durations counted into 1 µs bins: what a loop can afford per tick, and what percentiles need.
+# Histogram of durations in 1 µs bins: cheap enough to update in every tick, and sufficient for percentiles.
 
 
 Counts: TypeAlias = NDArray[np.int64]
@@ -193,7 +193,7 @@ BINS = 20_001  #: 1 µs each, the last one for everything from 20 ms on
 
 @final
 class Histogram:
-    """Counts of durations, kept in an array that another object may own (shared memory).
+    """Histogram of durations, in an array that another object may own (shared memory).
 
     >>> histogram = Histogram()
     >>> for duration in (1_500, 2_500, 90_000_000):
@@ -204,7 +204,7 @@ class Histogram:
 
     def __init__(self, counts: Counts | None = None) -> None:
         self.counts = np.zeros(BINS, dtype=np.int64) if counts is None else counts  #: (20001,)
-        self._cells = self.counts.data  # single numbers go through it faster than through the array
+        self._cells = self.counts.data  # scalar access through a memoryview is faster than through the array
 
     def add(self, duration: int) -> None:
         """Count one duration [ns]."""
@@ -216,9 +216,9 @@ class Histogram:
         return int(self.counts.sum())
 
     def percentile(self, percent: float) -> float:
-        """The duration [µs] that `percent` of all are below or at: the upper edge of its bin. NaN when empty.
+        """Percentile of the durations [µs]: the upper edge of its bin. NaN when empty.
 
-        From 20 ms on nothing is resolved; 20001 stands for "20 ms or more".
+        Durations from 20 ms on are not resolved; 20001 stands for "20 ms or more".
         """
         below = np.cumsum(self.counts)
         if below[-1] == 0:
@@ -227,17 +227,17 @@ class Histogram:
 
 
 # --------------------------------------------------------------------------------------------------
-# A flag and some numbers in shared memory, guarded by a sequence number that is odd while they are being written.
+# A flag and numbers in shared memory, protected by a sequence lock: its number is odd while they are being written.
 
 
-_SEQLOCK_TRIES = 8  #: more would let a slow writer hold up the loop
+_SEQLOCK_TRIES = 8  #: limit, so that a slow writer cannot delay the loop
 
 
 @final
 class SeqlockWords:
-    """`count` words at `at`, seen both as integers and as floats: the sequence number, the flag, the numbers.
+    """Sequence lock: `count` words at `at`, as integers and as floats: the sequence number, the flag, the numbers.
 
-    One writer; a reader never waits, and never sees half of what is written.
+    One writer; reads are non-blocking and never torn.
     """
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int, count: int) -> None:
@@ -246,7 +246,7 @@ class SeqlockWords:
         self._known = 0
 
     def write(self, flag: bool, numbers: tuple[float, ...]) -> None:
-        """Replace flag and numbers; for the one writer."""
+        """Replace flag and numbers; for the single writer."""
         words, floats, at = self._words, self._floats, self._at
         sequence = words[at] | 1
         words[at] = sequence
@@ -256,7 +256,7 @@ class SeqlockWords:
         words[at] = sequence + 1
 
     def read_new(self) -> tuple[bool, list[float]] | None:
-        """What was written completely since the last call; None if nothing was, or it is being written just now."""
+        """Return what was written since the last call; None if nothing was, or if a write is in progress."""
         words, at = self._words, self._at
         for _ in range(_SEQLOCK_TRIES):
             sequence = words[at]
@@ -273,21 +273,21 @@ class SeqlockWords:
 
 
 # --------------------------------------------------------------------------------------------------
-# A tracker's last pose in shared memory, never half of it.
+# A tracker's last pose in shared memory, protected by a sequence lock.
 
 
 WORDS = 16  #: sequence, valid, p (3), q (4), v (3), w (3), stamp
 
 
 class PoseRecord(NamedTuple):
-    """What a tracker last said, brought into one form by its own process."""
+    """Last pose of a tracker, converted to a common form by its own process."""
 
     valid: bool  #: False: the tracker has lost the tool, or has not found it yet
     p: Array  #: (3,) [m], frame S
     q: Array  #: (4,) quaternion (x, y, z, w) of R_SR, length 1
     v: Array  #: (3,) [m/s]
     w: Array  #: (3,) [rad/s], frame S
-    stamp: float  #: the computer's monotonic clock when it was measured [s]
+    stamp: float  #: time of the measurement on the computer's monotonic clock [s]
 
 
 @final
@@ -300,12 +300,12 @@ class PoseBlock:
         self._tracked = PoseRecord(False, np.zeros(3), unturned, np.zeros(3), np.zeros(3), float("-inf"))
 
     def write(self, pose: PoseRecord) -> None:
-        """Say where the tool is; for the one writer."""
+        """Write the tool's pose; for the single writer."""
         numbers = (*pose.p.tolist(), *pose.q.tolist(), *pose.v.tolist(), *pose.w.tolist(), pose.stamp)
         self._words.write(pose.valid, numbers)
 
     def read_pose(self) -> PoseRecord:
-        """The pose as last written completely; if one is being written just now, the one before. Never waits."""
+        """Return the last pose; if a write is in progress, the one before. Non-blocking."""
         latest = self._words.read_new()
         if latest is not None:
             n = np.array(latest[1])
@@ -314,10 +314,10 @@ class PoseBlock:
 
 
 # --------------------------------------------------------------------------------------------------
-# The forces that programs command, in shared memory: each server's process writes its own block, the loop reads all.
+# Forces commanded by client programs, in shared memory: each server's process writes its own block, the loop reads all.
 #
-# A block says who commanded which force when. The loop judges by those times alone: when a server's process ends, its
-# force expires like that of a silent client.
+# A block states which client commanded which force when. The loop uses only those times: when a server's process ends,
+# its force expires like that of a silent client.
 
 
 FORCE_BLOCK_WORDS = 8  #: sequence, force (3), session, stamp, loss, mapping
@@ -328,7 +328,7 @@ _OVER = HOLD + FADE
 
 
 class _Command(NamedTuple):
-    """What a block holds after its sequence number, as floats and in this order."""
+    """Content of a block after its sequence number, as floats and in this order."""
 
     force_x: float  #: in the stator's frame [N]
     force_y: float
@@ -341,19 +341,19 @@ class _Command(NamedTuple):
 
 @final
 class ForceBlock:
-    """Eight words at `at`, seen both as integers and as floats; for the one server that writes them."""
+    """Eight words at `at`, as integers and as floats; for the single server that writes them."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
         self._words, self._floats, self._at = words, floats, at
 
     def command(self, force: Sequence[float], session: int, stamp: float, mapping: int = 0) -> None:
-        """The client of `session` wants `force` (3,) [N] in the stator's frame, since `stamp` [s] of the monotonic
-        clock. Another number `mapping`: the same command would point elsewhere than before."""
+        """Write the `force` (3,) [N], stator frame, that the client of `session` commanded at `stamp` [s] of the
+        monotonic clock. A new number `mapping`: the client's frame has changed."""
         x, y, z = force
         self._write(_Command(x, y, z, float(session), stamp, loss=0.0, mapping=float(mapping)))
 
     def lose(self, stamp: float) -> None:
-        """The connection of the client that commanded last was lost at `stamp` [s] of the monotonic clock."""
+        """Record that the last client's connection was lost at `stamp` [s] of the monotonic clock."""
         last = _read_command(self._floats, self._at)
         if last.loss == 0.0:
             self._write(last._replace(loss=stamp))
@@ -369,9 +369,9 @@ class ForceBlock:
 
 @final
 class ClientForces:
-    """The loop's side: the one client whose force counts now, out of all blocks. Allocates no array in a tick.
+    """The loop's reader of all blocks: selects the one client that controls the device. Allocates no array in a tick.
 
-    Who commands first keeps the device until its force has faded; then the newest command counts.
+    The first client controls the device until its force has faded; then the newest command takes over.
     """
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
@@ -382,7 +382,7 @@ class ClientForces:
         self._holder = -1
 
     def fill(self, client: Records, now: float) -> None:
-        """`client` (1,) CLIENT_FORCE becomes what is commanded at `now` [s] of the monotonic clock; never waits."""
+        """Fill `client` (1,) CLIENT_FORCE with the command in force at `now` [s], monotonic clock; non-blocking."""
         newest, best = -1, 0.0
         for block, start in enumerate(self._starts):
             if self._words[start] != self._known[block]:
@@ -394,7 +394,7 @@ class ClientForces:
         if self._holder < 0 or self._is_over(self._holder, now):  # safety: one-client-holds
             self._holder = newest
         force_x, force_y, force_z, session, stamp, loss, mapping = self._commands[self._holder]
-        cells = client.data.cast("B").cast("d")  # single numbers go through it faster than into an array
+        cells = client.data.cast("B").cast("d")  # scalar access through it is faster than through an array
         first, at_session, age, lost, at_mapping = _PLACES
         cells[first], cells[first + 1], cells[first + 2], cells[at_session] = force_x, force_y, force_z, session
         cells[at_mapping] = mapping
@@ -406,7 +406,7 @@ class ClientForces:
         return now - command.stamp >= _OVER or (command.loss > 0.0 and now - command.loss >= FADE)
 
     def _read(self, block: int, start: int) -> None:
-        """Take what is written completely; what is being written just now, or never was to its end, is left."""
+        """Read the block's command unless a write is in progress, or was never completed."""
         sequence = self._words[start]
         if sequence & 1:
             return
@@ -421,28 +421,28 @@ def _read_command(floats: memoryview[float], at: int) -> _Command:
 
 
 # --------------------------------------------------------------------------------------------------
-# The host's pointer in shared memory, never half of it.
+# The host's pointer in shared memory, protected by a sequence lock.
 
 
 POINTER_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, patience
 
 
 class PointerState(NamedTuple):
-    """What the host last said about its pointer."""
+    """Last state of the host's pointer."""
 
     held: bool
     p: Array  #: (3,) [m], frame S
     q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
-    stamp: float  #: the computer's monotonic clock when it was said [s]
-    patience: float = 0.0  #: how long a simulated hand stays there without another word [s]
+    stamp: float  #: time of the message on the computer's monotonic clock [s]
+    patience: float = 0.0  #: keep-alive: a simulated hand stays there for so long without a new message [s]
 
 
 class PointerSource(ABC):
-    """A source of the host's pointer: shared memory in a running servo."""
+    """Source of the host's pointer: shared memory in a running servo."""
 
     @abstractmethod
     def read_pointer(self) -> PointerState:
-        """The pointer as last written; never waits."""
+        """Return the last pointer state; non-blocking."""
 
 
 @final
@@ -454,14 +454,14 @@ class PointerBlock(PointerSource):
         self._pointed = PointerState(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 
     def write(self, held: bool, p: Array, q: Array, stamp: float, patience: float = 0.0) -> None:
-        """Say where the pointer is, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the one writer.
+        """Write the pointer's pose, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the single writer.
 
-        A simulated hand stays there for `patience` [s] without another word.
+        A simulated hand stays there for `patience` [s] without a new message.
         """
         self._words.write(held, (*p.tolist(), *q.tolist(), stamp, patience))
 
     def read_pointer(self) -> PointerState:
-        """The pointer as last written completely; if it is being written just now, the one before."""
+        """Return the last pointer state; if a write is in progress, the one before."""
         latest = self._words.read_new()
         if latest is not None:
             held, n = latest
@@ -470,58 +470,58 @@ class PointerBlock(PointerSource):
 
 
 # --------------------------------------------------------------------------------------------------
-# What a scripted hand does besides moving: the loop writes it, servers and the row read it.
+# Buttons and gripper of a scripted hand: the loop writes them, servers and the row read them.
 
 
 @final
 class HandSignals:
-    """Two words at `at`: the buttons that a scripted hand presses, and the gripper's opening."""
+    """Two words at `at`: the pressed buttons of a scripted hand, and its gripper's opening."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
         self._words, self._floats, self._at = words, floats, at
 
     def write(self, buttons: int, grip: float) -> None:
-        """Buttons as a sum of 1, 2 and 4; `grip` [m], NaN without a gripper. For the one writer, the loop."""
+        """Write the buttons, a sum of 1, 2 and 4, and `grip` [m], NaN without a gripper; for the single writer."""
         self._words[self._at] = buttons
         self._floats[self._at + 1] = grip
 
     @property
     def buttons(self) -> int:
-        """The buttons that the scripted hand presses, a sum of 1, 2 and 4."""
+        """Pressed buttons of the scripted hand, a sum of 1, 2 and 4."""
         return int(self._words[self._at])
 
     @property
     def grip(self) -> float:
-        """The opening of its gripper [m]; NaN without one."""
+        """Opening of its gripper [m]; NaN without one."""
         return float(self._floats[self._at + 1])
 
 
 # --------------------------------------------------------------------------------------------------
-# Snapshots of the chain in shared memory: the last ones, and the one from before the last trip. One writer.
+# Snapshots of the chain's state in shared memory: the last ones, and that from before the last trip. One writer.
 
 
 SLOTS: Final = 12  #: of the last snapshots
-REGULAR: Final = 8  #: snapshots from one that is recorded to the next
+REGULAR: Final = 8  #: every so many snapshots one is recorded
 _STATE_SLOTS_LAYOUT: Final = 48 * 1024  #: bytes of the layout of a snapshot, which is text
 _HEAD: Final = 4  #: words of a slot: version, number, tick; in nanoseconds: time of the trip
 _STATE_SLOTS_TRIES: Final = 100
 
 
 def state_room(channels: int, sensors: int) -> int:
-    """Bytes for a snapshot of a device with so many of them."""
+    """Size of a snapshot of a device with so many coils and sensors [bytes]."""
     return 36 * 1024 + 1024 * channels + 1024 * sensors
 
 
 def slots_size(channels: int, sensors: int) -> int:
-    """Bytes of all of it, layout included."""
+    """Size of all slots, layout included [bytes]."""
     return _STATE_SLOTS_LAYOUT + (SLOTS + 1) * (8 * _HEAD + state_room(channels, sensors))
 
 
 @final
 class StateSlots:
-    """In `memory`, which begins as zeros. A slot's version is odd while it is being written.
+    """Slots of snapshots in zeroed `memory`. A slot's version is odd while it is being written.
 
-    layout  of the snapshots, as `TickState` says; empty: none are taken
+    layout  of the snapshots, as in `TickState`; empty: no snapshots are made
     """
 
     def __init__(self, memory: memoryview, channels: int, sensors: int) -> None:
@@ -535,19 +535,19 @@ class StateSlots:
         self._cells = [head.data for head in self._heads]
 
     def begin(self, number: int) -> None:
-        """The snapshot of this `number`, from 1 on, is about to be written into `bodies[number % SLOTS]`."""
+        """Begin writing snapshot `number`, from 1 on, to `bodies[number % SLOTS]`."""
         cells = self._cells[number % SLOTS]
         cells[0] |= 1
         cells[1] = number
 
     def end(self, number: int, tick: int) -> None:
-        """It is there: of the chain after `tick`."""
+        """Publish snapshot `number`, the state of the chain after `tick`."""
         cells = self._cells[number % SLOTS]
         cells[2] = tick
         cells[0] += 1
 
     def mark_trip(self, last: int, tick: int, t: float) -> None:
-        """At `t` [s] there was a trip, and snapshot `last` is the newest: keep the newest one up to `tick`."""
+        """Record a trip at `t` [s], when `last` is the newest snapshot: retain the newest one up to `tick`."""
         for number in range(last, max(last - SLOTS, 0), -1):
             cells = self._cells[number % SLOTS]
             if cells[1] == number and cells[2] <= tick:
@@ -559,8 +559,8 @@ class StateSlots:
                 return
 
     def read_since(self, number: int, every: int) -> list[tuple[int, int, NDArray[np.uint8]]]:
-        """(number, tick, snapshot (room,)) of those after snapshot `number` whose numbers are multiples of `every` [1],
-        oldest first, as copies."""
+        """Return (number, tick, copy of the snapshot (room,)) of those after snapshot `number` whose numbers are
+        multiples of `every` [1], oldest first."""
         found = []
         for slot in range(SLOTS):
             there = int(self._cells[slot][1])
@@ -571,7 +571,7 @@ class StateSlots:
         return sorted(found, key=lambda one: one[0])
 
     def read_trip(self, t: float) -> tuple[int, NDArray[np.uint8]] | None:
-        """(tick, snapshot) from before the trip at `t` [s]; None if there is none."""
+        """Return (tick, snapshot) from before the trip at `t` [s]; None if there is none."""
         copy = self._read(SLOTS, self._trip)
         return None if copy is None or copy[2] != round(1e9 * t) else (copy[1], copy[3])
 
@@ -588,7 +588,7 @@ class StateSlots:
 
 
 def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateArray]:
-    """Name → a copy of each array of a `snapshot` (size,) [1], which lies there as `layout` says."""
+    """Split a `snapshot` (size,) [1] by its `layout`: name → copy of the array."""
     found: dict[str, StateArray] = {}
     for name, kind, shape, first, stride in json.loads(layout):
         dtype = np.dtype(kind)
@@ -605,25 +605,25 @@ _VERSION = 10
 _PAGE = 4096
 _END_NUMBERS = frozenset(map(int, END_SIGNALS))
 _TEXTS = 9
-CAPACITY = 8192  #: rows: 2 s at the fastest rate
-WORLDS = 32  #: the last changes of the world, kept for the recorder
-TRIPS = 64  #: the first trips, kept for the report
+CAPACITY = 8192  #: rows of the ring buffer: 2 s at the fastest rate
+WORLDS = 32  #: last changes of the world that are stored for the recorder
+TRIPS = 64  #: first trips that are stored for the report
 
 
 class Phase(IntEnum):
-    """Where a child process is in its life."""
+    """Life-cycle phase of a child process."""
 
     STARTING = 0
     RUNNING = 1
     ENDED = 2  #: as requested
-    FAILED = 3  #: the status text says why
+    FAILED = 3  #: the status text states why
 
 
-BUTTONS = ("a", "b", "c")  #: of the tool, as programs that are connected see them; their bits in this order
+BUTTONS = ("a", "b", "c")  #: of the tool, as connected programs see them; bits in this order
 
 
 class Word(IntEnum):
-    """Which 8-byte word of the first page is what; all are integers unless said otherwise."""
+    """Indices of the 8-byte words in the first page; all are integers unless stated otherwise."""
 
     MAGIC = 0
     VERSION = 1
@@ -636,15 +636,15 @@ class Word(IntEnum):
     # host → servo
     HEARTBEAT = 16  #: monotonic clock [ns]
     STOP = 17  #: count
-    ENGAGE = 18  #: `engage_request`: count, and the stop count under which it was given
+    ENGAGE = 18  #: `engage_request`: count, and the stop count at the request
     QUIT = 19  #: 1: end
-    MODE = 20  #: 0: as it is, else number of the mode from 1 on
+    MODE = 20  #: 0: unchanged, else number of the mode from 1 on
     CLUTCH = 21  #: 0: unchanged, 1: engaged, 2: released
-    MODEL = 22  #: 0: as it is, else number of the device's model from 1 on
+    MODEL = 22  #: 0: unchanged, else number of the device's model from 1 on
     COOL = 23  #: count: simulated coils at the ambient temperature
-    POINTER = 24  #: and the ten after it
-    SCALE = 35  #: 0: as it is, else the scale of a motor's torques, in millionths
-    BUTTONS = 36  #: bits of the buttons a, b, c that a person holds down: for servers, not for the loop
+    POINTER = 24  #: and the next ten
+    SCALE = 35  #: 0: unchanged, else the scale of a motor's torques, in millionths
+    BUTTONS = 36  #: bits of the buttons a, b, c that the user presses: for servers, not for the loop
     RECORDING_PAUSED = 37  #: 1: rows are not recorded until it is 0 again
     # servo → servers, row
     HAND_BUTTONS = 38  #: bits of the buttons a, b, c that a scripted hand presses
@@ -652,28 +652,28 @@ class Word(IntEnum):
     # servo → host
     PID = 40
     PHASE = 41
-    ORIGIN = 42  #: monotonic clock at which the loop's clock shows zero [ns]
+    ORIGIN = 42  #: monotonic time at zero of the loop's clock [ns]
     ROWS = 43  #: published
     TICKS = 44
     MISSED = 45  #: deadlines missed
     ON_TIME = 46  #: ticks that began and ended within their period
     TRIPS = 47  #: count
-    PEAK = 48  #: float: greatest force on the mover [N]
+    PEAK = 48  #: float: peak force on the mover [N]
     WORLD = 49  #: changes of the world
-    PEAK_TORQUE = 50  #: float: greatest torque on the mover [N·m]
-    FIRST_CALL = 51  #: monotonic clock at which the first call of a user's world began [ns]; 0: none runs
-    COMPILED = 52  #: 1: its process has had to compile a kernel
-    UNCOMPILED = 53  #: worlds of the catalogue whose code lies in no cache
+    PEAK_TORQUE = 50  #: float: peak torque on the mover [N·m]
+    FIRST_CALL = 51  #: monotonic time at which the first call of a user's world began [ns]; 0: none runs
+    COMPILED = 52  #: 1: the servo's process had to compile a kernel
+    UNCOMPILED = 53  #: count of the catalogue's worlds whose code is not in the cache
     # recorder → host
     RECORDER = 56  #: a Phase
-    WRITTEN = 57  #: rows that are in the file, even if the recorder fails
+    WRITTEN = 57  #: rows in the file, which are safe even if the recorder fails
     LOST = 58  #: rows overwritten before they could be recorded
-    TAKEN = 59  #: rows that it has fetched, and those that it lost
+    TAKEN = 59  #: rows that it has read, and those that it lost
     # a tracker's process → servo, host
     TRACKER = 60  #: a Phase
     # recorder → host
-    RECORDER_LOOKS = 61  #: how often it has looked for rows
-    TRACKED = 64  #: and the fifteen after it
+    RECORDER_LOOKS = 61  #: count of the recorder's polls
+    TRACKED = 64  #: and the next fifteen
     # each server's process → servo, host
     FORCES = 128  #: eight for each of eight servers
     SERVERS = 192  #: a Phase for each of eight servers
@@ -681,11 +681,10 @@ class Word(IntEnum):
 
 _SHARED_MEMORY_LAYOUT = [Word.CHANNELS, Word.SENSORS, Word.CONTACTS, Word.MEMORY]  #: arguments of RowLayout
 _SERVER_TEXTS = 2 * BLOCKS
-_LATENESS = _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * SIZE + 16 * TRIPS  #: where the histograms begin
+_LATENESS = _PAGE + (_TEXTS + WORLDS + _SERVER_TEXTS) * SIZE + 16 * TRIPS  #: offset of the histograms [bytes]
 _ROWS = _LATENESS + 2 * 8 * BINS
 
-#: What the loop counts, and publishes in a row, where it lies in the memory before the rows: words of the first page,
-#: histograms.
+#: Counters of the loop, by their offsets in the memory before the rows: words of the first page, histograms.
 COUNTS = np.dtype(
     {
         "names": [
@@ -725,9 +724,9 @@ COUNTS = np.dtype(
 
 
 def engage_request(last: int, stops: int) -> int:
-    """The word ENGAGE after `last`: a new count, and the stop count under which the person asked.
+    """Next value of the word ENGAGE after `last`: a new count, and the stop count at the user's request.
 
-    One word, so that two threads that engage at once cannot mix one's count with the other's stop count.
+    One word, so that two threads that engage at once cannot combine one's count with the other's stop count.
 
     >>> engage_stops(engage_request(0, 7))
     7
@@ -737,18 +736,18 @@ def engage_request(last: int, stops: int) -> int:
 
 
 def engage_stops(word: int) -> int:
-    """The stop count under which the engage request `word` was given, modulo 2³²."""
+    """Stop count at the time of the engage request `word`, modulo 2³²."""
     return word & 0xFFFF_FFFF
 
 
 def find_end_signal(signals: memoryview) -> int:
-    """The first of the numbers in `signals`, a word of eight bytes, that is of a signal that ends programs; 0: none."""
+    """Number of the first termination signal in `signals`, a word of eight bytes; 0: none."""
     return next((number for number in signals.tobytes() if number in _END_NUMBERS), 0)
 
 
 @final
 class SharedMemory:
-    """The mapped file. `create` makes it, `attach` opens one that another process made.
+    """The mapped file. `create` makes it, `attach` opens that of another process.
 
     Raises ServoError if the file is not a servo's shared memory of this version and layout.
     """
@@ -760,7 +759,7 @@ class SharedMemory:
             if size < _ROWS:
                 raise ServoError(f"{path} is not a servo's shared memory: too small; end the program that created it")
             self._map = mmap.mmap(file.fileno(), size, flags=flags)
-        self._claim: FileLock | None = None  # of the process that made it
+        self._claim: FileLock | None = None  # of the process that created it
         memory = memoryview(self._map)
         self.path = path
         self.words = memory[:_PAGE].cast("q")
@@ -786,7 +785,7 @@ class SharedMemory:
         self.tracker_reason, self.tracker_facts, self.warning = slots[6:_TEXTS]
         self._worlds = slots[_TEXTS : _TEXTS + WORLDS]
         texts = slots[_TEXTS + WORLDS :]
-        #: of each server's process: what it says of its clients, and what they request
+        #: of each server's process: state of its clients, and their requests
         self.server_facts, self.server_requests = texts[:BLOCKS], texts[BLOCKS:]
         self.trips: Array = np.frombuffer(memory[at : at + 16 * TRIPS], dtype=np.float64).reshape(TRIPS, 2)
         self.lateness = Histogram(self.counts["lateness"][0])
@@ -794,14 +793,14 @@ class SharedMemory:
         rows_end = _ROWS + 8 * CAPACITY * self.layout.width
         #: snapshots of the chain
         self.states = StateSlots(memory[rows_end:end], self.layout.channels, self.layout.sensors)
-        #: where the numbers of the host's signals are written: see `SignalStop`
+        #: signal numbers of the host: see `SignalStop`
         self.signals_at, self.signals = end, memory[end : end + 8].cast("q")
         rows = np.frombuffer(memory[_ROWS:rows_end], dtype=np.float64).reshape(CAPACITY, self.layout.width)
         self.ring = RingBuffer(self.words, Word.ROWS, rows)
 
     @classmethod
     def create(cls, layout: RowLayout) -> SharedMemory:
-        """A new one, all zeros, in memory where the system has a place for that; ServoError if nowhere is room."""
+        """Create a new one, all zeros, in a memory file system where possible; ServoError if there is no space."""
         size = _size(layout) + _PAGE
         for folder in folders():
             try:
@@ -809,7 +808,7 @@ class SharedMemory:
             except OSError:
                 continue
             try:
-                # Reserve it now: a full memory file system would otherwise kill the loop in the middle of a tick.
+                # Allocate it now: a full memory file system would otherwise kill the loop in the middle of a tick.
                 os.posix_fallocate(descriptor, 0, size)
                 head = np.zeros(16, dtype=np.int64)
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
@@ -827,44 +826,44 @@ class SharedMemory:
 
     @classmethod
     def attach(cls, path: str | Path) -> SharedMemory:
-        """The one that another process made, all of its pages present before the loop begins."""
+        """Open that of another process, with all pages loaded before the loop begins."""
         return cls(Path(path), populate=True)
 
     def unlink(self) -> None:
-        """Remove its name; who has it mapped keeps it."""
+        """Remove its name; existing mappings stay valid."""
         with contextlib.suppress(FileNotFoundError):
             self.path.unlink()
         if self._claim is not None:
             self._claim.close()
 
     def force_block(self, server: int) -> ForceBlock:
-        """Where the process of the server with this number, 0 to 7, says what its clients command."""
+        """Force block of the server with this number, 0 to 7."""
         return ForceBlock(self.words, self.floats, Word.FORCES + FORCE_BLOCK_WORDS * server)
 
     @property
     def phase(self) -> Phase:
-        """Where the servo is in its life."""
+        """Life-cycle phase of the servo."""
         return Phase(self.words[Word.PHASE])
 
     def announce_world(self, text: str) -> int:
-        """Keep `text` as the description of the world from now on; returns the number of this change."""
+        """Publish `text` as the description of the current world; return the number of this change."""
         number = self.words[Word.WORLD]
         self._worlds[number % WORLDS].write(text)
         self.words[Word.WORLD] = number + 1
         return int(number)
 
     def worlds_since(self, known: int) -> list[tuple[int, str]]:
-        """(number, description) of the world's changes from number `known` on; the oldest may be gone."""
+        """Return (number, description) of the world's changes from number `known` on; the oldest may be overwritten."""
         count = self.words[Word.WORLD]
         return [(i, self._worlds[i % WORLDS].read()[1]) for i in range(max(known, count - WORLDS + 1, 0), count)]
 
     def world_now(self) -> str:
-        """Name of the world that is rendered; empty before the first."""
+        """Name of the rendered world; empty before the first."""
         changes = self.worlds_since(self.words[Word.WORLD] - 1)
         return str(json.loads(changes[-1][1])["name"]) if changes else ""
 
     def announce_trip(self, t: float, code: float) -> None:
-        """Note a trip; those after the first 64 are only counted."""
+        """Publish a trip; those after the first 64 are only counted."""
         number = self.words[Word.TRIPS]
         if number < TRIPS:
             self.trips[number] = t, code
@@ -872,7 +871,7 @@ class SharedMemory:
 
 
 def _create_file(folder: Path) -> tuple[int, str, FileLock]:
-    """(descriptor, path, claim) of a new file in `folder`. Raises OSError if none can be made there."""
+    """Create a new file in `folder`; return (descriptor, path, lock). Raises OSError if that fails."""
     while True:
         descriptor, name = tempfile.mkstemp(prefix="haptorb-", suffix=SHARED, dir=folder)
         claim = FileLock(name)

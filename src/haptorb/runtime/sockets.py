@@ -1,4 +1,4 @@
-"""Sockets of other programs: when a message arrived, and which account owns the other end."""
+"""Sockets of client programs: arrival times of messages, and the account that owns the peer."""
 
 from __future__ import annotations
 
@@ -17,26 +17,25 @@ __all__ = ["STALL", "DatagramTimes", "StreamTimes", "UdpOwners", "is_own_account
 
 
 # --------------------------------------------------------------------------------------------------
-# When what a socket holds came in, on the computer's monotonic clock: a command that waited is as old as it is.
+# Arrival times of messages on the computer's monotonic clock, so that the age of a queued command is known.
 #
-# A program that is stopped, or that has no processor, finds in its sockets what came meanwhile. Dated by when it is
-# read, all that would be new. Of datagrams the kernel says when they came. Of a stream it does not: its time stamps are
-# those of the newest bytes that lie together. There, all that waited counts as having come when it was last read.
+# A program that is stopped, or starved of processor time, finds queued messages in its sockets. Dated by the time of
+# reading, all of them would be new. The kernel timestamps datagrams. Of a stream it does not: its timestamps are those
+# of the newest bytes of a segment. There, all queued data counts as received at the time of the last read.
 
 
-STALL = 0.02  #: a reader that has not looked for so long has let what came wait [s]
+STALL = 0.02  #: gap between two reads after which received data counts as queued [s]
 
-_STAMPS = 35  #: SO_TIMESTAMPNS of Linux
+_SO_TIMESTAMPNS = 35  #: of Linux
 _TIME = struct.Struct("@ll")
-_REALTIME = 0  #: CLOCK_REALTIME
-_STEP = 5_000_000  #: by so much more than it takes to read two clocks, the computer's clock was set [ns]
+_CLOCK_STEP_NS = 5_000_000  #: change of the difference of two clocks above which the computer's clock was set
 
 
 @final
 class DatagramTimes:
-    """Of the datagrams of sockets that it may `watch`: call `look` before a batch is read, then `find` for each.
+    """Arrival times of datagrams of watched sockets: call `begin_batch` before reading, then `find` for each.
 
-    room  bytes for the kernel's notes, for `recvmsg`
+    room  bytes for the kernel's ancillary data, for `recvmsg`
     """
 
     room = 64
@@ -47,35 +46,35 @@ class DatagramTimes:
 
     @staticmethod
     def watch(opened: socket.socket) -> None:
-        """Have the kernel note when each datagram of `opened` comes, and wait until it does."""
+        """Enable the kernel's receive timestamps on `opened`, and wait until they are active."""
         if sys.platform == "linux":
-            opened.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+            opened.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             _wait_for_stamps()
 
-    def look(self) -> None:
-        """What is found from now on came since the last look, unless the kernel says when."""
+    def begin_batch(self) -> None:
+        """Begin a batch: its datagrams arrived since the last batch, unless the kernel has timestamped them."""
         self._last_shift, self._shift = self._shift, _measure_shift()
         self._before, self._looked = self._looked, monotonic_ns()
 
     def find(self, notes: list[tuple[int, int, bytes]]) -> float:
-        """When the datagram with these `notes` of the kernel came, on the monotonic clock [s]."""
-        if abs(self._shift - self._last_shift) > _STEP:  # the clock of the stamps was set: they say nothing
+        """Return the arrival time of the datagram with the ancillary data `notes`, on the monotonic clock [s]."""
+        if abs(self._shift - self._last_shift) > _CLOCK_STEP_NS:  # the clock was set: timestamps are invalid
             return 1e-9 * self._before
         for level, kind, data in notes:
-            if level == socket.SOL_SOCKET and kind == _STAMPS and len(data) >= _TIME.size:
+            if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIME.size:
                 seconds, nanoseconds = _TIME.unpack(data[: _TIME.size])
                 return 1e-9 * float(min(seconds * 1_000_000_000 + nanoseconds - self._shift, monotonic_ns()))
         return 1e-9 * self._looked
 
 
 def _wait_for_stamps() -> None:
-    """Return when Linux dates datagrams by when they come, after 0.1 s at the latest.
+    """Wait until Linux timestamps datagrams on arrival, for at most 0.1 s.
 
-    Where no other socket of the computer asked for it, it begins a moment after it was asked (`net_enable_timestamp`
-    leaves it to a worker), and dates by its reading what came before.
+    If no other socket of the computer has enabled timestamps, they begin with a delay (`net_enable_timestamp` uses a
+    worker); earlier datagrams are dated by the time of reading.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+        probe.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         probe.settimeout(0.1)
         probe.bind(("127.0.0.1", 0))
         until = monotonic_ns() + 100_000_000
@@ -88,14 +87,14 @@ def _wait_for_stamps() -> None:
             except TimeoutError:
                 return
             for level, kind, data in notes:
-                if level == socket.SOL_SOCKET and kind == _STAMPS and len(data) >= _TIME.size:
+                if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIME.size:
                     seconds, nanoseconds = _TIME.unpack(data[: _TIME.size])
                     if seconds * 1_000_000_000 + nanoseconds < read:
                         return
 
 
 def _measure_shift() -> int:
-    """By how much the clock of the kernel's time stamps is ahead of the monotonic one [ns]."""
+    """Offset of the kernel's timestamp clock from the monotonic clock [ns]."""
     best, shift = 1 << 62, 0
     for _ in range(3):
         before, real, after = monotonic_ns(), time_ns(), monotonic_ns()
@@ -106,19 +105,19 @@ def _measure_shift() -> int:
 
 @final
 class StreamTimes:
-    """Of the bytes of one stream, which a program reads as soon as there are any, unless it pauses or stalls."""
+    """Arrival times of the bytes of a stream, which a program reads as soon as there are any, unless it stalls."""
 
     def __init__(self) -> None:
         self._waiting_since: float | None = None
 
     def wait(self, since: float) -> None:
-        """Nothing was read since then [s]: what waits is as old, until all of it has been read."""
+        """Record that nothing was read since then [s]: queued data counts as arrived then, until all of it is read."""
         if self._waiting_since is None:
             self._waiting_since = since
 
     def find(self, descriptor: int, now: float) -> float:
-        """When the bytes that were just read from `descriptor`, at `now`, came at the latest, on the monotonic clock
-        [s]; of those that waited the earliest that can be."""
+        """Return the arrival time of the bytes just read from `descriptor` at `now`, on the monotonic clock [s]: the
+        latest possible one, and the earliest possible one of queued bytes."""
         if self._waiting_since is None:
             return now
         import fcntl
@@ -126,27 +125,27 @@ class StreamTimes:
 
         since = self._waiting_since
         left = struct.unpack("@i", fcntl.ioctl(descriptor, termios.FIONREAD, b"\0" * 4))[0]
-        if not left:  # the sender's own queue moved up while this one was read
+        if not left:  # otherwise the sender's queue has refilled this one while it was read
             self._waiting_since = None
         return since
 
 
 # --------------------------------------------------------------------------------------------------
-# Which account of this computer is at the other end of a socket on loopback, as the kernel says.
+# Account that owns the peer of a loopback socket, from the kernel.
 #
-# A client that is not modified cannot show a token; whose process has the other end is known without its help. A socket
-# whose end has no process any more belongs to nobody: the kernel would name it root's.
+# An unmodified client cannot send a token; the account of its process is known without it. A socket whose process has
+# ended belongs to nobody: the kernel would report root.
 
 
-_SOCK_DIAG = 4  #: protocol of netlink that answers questions about sockets
+_SOCK_DIAG = 4  #: netlink protocol for socket queries
 _BY_FAMILY = 20  #: SOCK_DIAG_BY_FAMILY
 _REQUEST = 1
 _NOBODY = -1
-_ESTABLISHED, _HALF_CLOSED, _LISTENING = 1, 8, 10  #: states in which a process has the socket
+_ESTABLISHED, _HALF_CLOSED, _LISTENING = 1, 8, 10  #: states in which a process owns the socket
 _HEAD = struct.Struct("=IHHII")  #: nlmsghdr: length, type, flags, sequence, port
 _ASKED = struct.Struct("=BBBBI 2s2s16s16sI8s")  #: inet_diag_req_v2: family, protocol, states, then the socket's ends
 _FOUND = struct.Struct("=BBBB 2s2s16s16sI8s IIIII")  #: inet_diag_msg: family, state, the ends, expires to inode
-_KERNEL_TIMEOUT_S = 0.2  #: for the kernel [s]
+_KERNEL_TIMEOUT_S = 0.2  #: for the kernel's answer
 
 Address = tuple[str, int]
 
@@ -157,10 +156,10 @@ def is_own_account(owner: int | None) -> bool:
 
 
 def tcp_owner(peer: Address, own: Address) -> int | None:
-    """User id of the process at the other end of the connection from `peer` to `own` (address, port); None: nobody's.
+    """User id of the peer's process of the connection from `peer` to `own` (address, port); None: no process.
 
-    Both are of this computer. It takes some ten microseconds where the kernel answers questions, and milliseconds where
-    its table must be read.
+    Both are addresses of this computer. It takes some 10 µs where the kernel answers netlink queries, and milliseconds
+    where its table must be read.
     """
     with suppress(OSError):
         if (owner := _find(peer, own)) != _NOBODY or _is_answered():
@@ -176,14 +175,14 @@ def tcp_owner(peer: Address, own: Address) -> int | None:
 
 @final
 class UdpOwners:
-    """Who has which UDP port of this computer at this moment. Reading it takes a tenth of a millisecond."""
+    """Snapshot of the owners of this computer's UDP ports. Reading it takes 0.1 ms."""
 
     def __init__(self) -> None:
         self._lines = _read_tables("udp")
 
     def find(self, host: str, port: int) -> int | None:
-        """User id of the processes that send from, and receive at, `port` of `host`, an address of this computer; None
-        if there are none, or if they are of several accounts."""
+        """User id of the processes bound to `port` of `host`, an address of this computer; None if there are none, or
+        if they belong to several accounts."""
         here = _unmapped(host)
         owners = {
             row.owner
@@ -195,7 +194,7 @@ class UdpOwners:
 
 def listener_owner(port: int) -> int | None:
     """User id of the processes of this computer that listen on the TCP port `port`; None if there are none, or if they
-    are of several accounts."""
+    belong to several accounts."""
     rows = [
         row for row in _rows(_read_tables("tcp"), port) if row.near[1] == port and row.state == _LISTENING and row.node
     ]
@@ -204,7 +203,7 @@ def listener_owner(port: int) -> int | None:
 
 
 def _find(peer: Address, own: Address) -> int:
-    """As `tcp_owner`, asked of the kernel; _NOBODY: there is none. Raises OSError where it does not answer."""
+    """As `tcp_owner`, by a netlink query; _NOBODY: there is none. Raises OSError where the kernel does not answer."""
     source, target = (_unmapped(one[0]).packed for one in (peer, own))
     ends = peer[1].to_bytes(2, "big"), own[1].to_bytes(2, "big")
     family = socket.AF_INET if len(source) == 4 else socket.AF_INET6
@@ -225,7 +224,7 @@ def _find(peer: Address, own: Address) -> int:
 
 @cache
 def _is_answered() -> bool:
-    """Whether the kernel answers such questions: its module for TCP is there."""
+    """Whether the kernel answers such queries: its module for TCP is loaded."""
     with socket.socket() as listening, socket.socket() as client:
         listening.bind(("127.0.0.1", 0))
         listening.listen(1)
@@ -235,7 +234,7 @@ def _is_answered() -> bool:
 
 @final
 class _Row:
-    """One socket in a table of the kernel: its own end, the far one (address, port), state, user id, inode."""
+    """One socket in a table of the kernel: local and remote end (address, port), state, user id, inode."""
 
     def __init__(self, words: list[bytes]) -> None:
         self.near, self.far = _read_end(words[1]), _read_end(words[2])
@@ -243,7 +242,7 @@ class _Row:
 
 
 def _read_tables(kind: str) -> list[bytes]:
-    """The lines of the kernel's tables of `kind` ("tcp" or "udp"), for IPv4 and IPv6."""
+    """Read the lines of the kernel's tables of `kind` ("tcp" or "udp"), for IPv4 and IPv6."""
     found = []
     for table in (kind, f"{kind}6"):
         with suppress(OSError), open(f"/proc/net/{table}", "rb") as file:
@@ -252,19 +251,19 @@ def _read_tables(kind: str) -> list[bytes]:
 
 
 def _rows(lines: list[bytes], port: int | None = None) -> list[_Row]:
-    """What `lines` of the tables say; with `port`, only those that contain it."""
+    """Parse `lines` of the tables; with `port`, only those that contain it."""
     mark = b"" if port is None else b":%04X" % port
     return [_Row(line.split()) for line in lines if mark in line]
 
 
 def _read_end(word: bytes) -> tuple[ipaddress.IPv4Address | ipaddress.IPv6Address, int]:
     digits, _, port = word.partition(b":")
-    # Words of 32 bits, each in this computer's own order.
+    # Words of 32 bits, each in native byte order.
     raw = b"".join(int(digits[i : i + 8], 16).to_bytes(4, sys.byteorder) for i in range(0, len(digits), 8))
     return _unmapped(str(ipaddress.ip_address(raw))), int(port, 16)
 
 
 def _unmapped(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """The address `host`; one of IPv4 as such, however it is written."""
+    """Parse the address `host`; an IPv4-mapped IPv6 address becomes IPv4."""
     found = ipaddress.ip_address(host.partition("%")[0])
     return found.ipv4_mapped or found if isinstance(found, ipaddress.IPv6Address) else found

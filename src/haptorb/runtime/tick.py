@@ -1,6 +1,6 @@
-"""One tick of the loop: read → estimate → world → allocate → guard → write, and the row that records it all.
+"""One tick of the loop: read → estimate → world → allocate → guard → write, and its row.
 
-The same seven lines run every device, simulated or real; nothing in them asks which one it is.
+The same sequence runs every device, simulated or real, without a case distinction.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Which part of the world's wrench the tick renders: chosen with the world, or detected from what the world asks.
+# Selection of force, torque or full wrench rendering: configured, or detected from the world's wrench.
 
 
 _NO_CHOICE = -1.0
@@ -67,7 +67,7 @@ _NO_CHOICE = -1.0
 
 @final
 class RenderedPart(Stateful):
-    """The allocator in force and its number in the row, −1 for a device without a choice.
+    """The active allocator and its number in the row, −1 for a device without a choice.
 
     wrench     (6,) the world's wrench of this tick [N, N·m], filled by the tick
     is_open    whether the part still follows from the wrenches
@@ -78,13 +78,13 @@ class RenderedPart(Stateful):
     ) -> None:
         self.allocator, self.number, self.is_open = allocator, _NO_CHOICE, False
         self._choice, self._protection = choice, protection
-        self._numbers = wrench.data.cast("B").cast("d")  # single numbers come out of it ten times faster
+        self._numbers = wrench.data.cast("B").cast("d")  # scalar access through it is ten times faster
         self._part: WrenchPart = "force"
         self._has_pushed = False
         self._kept = make_numbers("number", "is_open", "part", "has_pushed")
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """The part by its number in the row, and in `PARTS`; whether it may still change, and has pushed."""
+        """State: the part by its numbers in the row and in `PARTS`, whether it may change, whether a force occurred."""
         return {"part": self._kept[0]}
 
     def gather_state(self) -> None:
@@ -101,17 +101,17 @@ class RenderedPart(Stateful):
             self.allocator = self._choice.allocators[self._part]
 
     def begin(self, world: World) -> None:
-        """Render the part that a person chose, or the one that `world` asks."""
+        """Select the configured part, else the one that `world` declares."""
         if self._choice is None:
             return
         opens = self._choice.is_open(world)
-        if not (opens and self.is_open):  # the same world with other values: what it has asked before still counts
+        if not (opens and self.is_open):  # the same world with other values: parts detected before still count
             self._has_pushed = False
             self._render(self._choice.choose_part(world))
         self.is_open = opens
 
     def follow(self) -> None:
-        """Render also the part that the world asks for the first time in this tick."""
+        """Add the part that occurs in the world's wrench for the first time in this tick."""
         n = self._numbers
         pushes = bool(n[0] or n[1] or n[2])
         if self._part == "force" and (n[3] or n[4] or n[5]):
@@ -129,12 +129,12 @@ class RenderedPart(Stateful):
 
 
 # --------------------------------------------------------------------------------------------------
-# The row of a tick in which the device did not answer: nothing was measured, and nothing is asked.
+# The row of a tick in which the device did not respond: nothing was measured, and no wrench is requested.
 
 
 def fill_silent_row(row: Array, layout: RowLayout, protection: Protection, coil_state: float, now: float) -> None:
-    """Fill `row` (width,), at `now` [s] on the loop's clock, with what is known all the same, each number in the unit
-    of its field; NaN elsewhere."""
+    """Fill `row` (width,), at `now` [s] on the loop's clock, with the values that are known without measurements, each
+    in the unit of its field; NaN elsewhere."""
     row[:] = np.nan
     row[layout["t"]] = now
     row[layout["guard"]] = protection.guard_state
@@ -144,7 +144,7 @@ def fill_silent_row(row: Array, layout: RowLayout, protection: Protection, coil_
 
 
 # --------------------------------------------------------------------------------------------------
-# What a tick did, into its row: all that has a shape, in two compiled passes.
+# Filling the row of a tick: all arrays, in two compiled passes.
 
 
 @kernel
@@ -163,7 +163,7 @@ def _copy_table(row: Array, start: int, values: Array) -> None:
 
 @kernel
 def fill_quaternion(R: Array, q: Array) -> None:
-    """q (4,) becomes the quaternion (x, y, z, w) of R (3, 3), by the largest of four candidates (Shepperd's method)."""
+    """Fill q (4,) with the quaternion (x, y, z, w) of R (3, 3): the largest of four candidates (Shepperd's method)."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     pick, best = 3, trace
     for i in range(3):
@@ -189,7 +189,7 @@ def fill_row(
     row: Array, places: Records, state: Records, coils: Records, target: Array, given: Array, applied: Array,
     field: Array, stages: Array,
 ) -> None:  # fmt: skip
-    """Fill the fields of `row` (width,) that tell of device and protection, at the `places` of the `RowLayout`.
+    """Fill the fields of `row` (width,) on device and protection, at the `places` of the `RowLayout`.
 
     state (1,) PROTECTION and coils (m,) COIL; target (7,) position [m] and quaternion of the pointer's goal; given (6,)
     [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
@@ -226,10 +226,10 @@ def fill_pose(
     row: Array, at: int, R: Array, p: Array, v: Array, w: Array, t: float, valid: bool, currents_age: float,
     field_age: float,
 ) -> None:  # fmt: skip
-    """Fill the fields of `row` (width,) from `at` on, which is where `currents_age` begins: how old the readings were
-    [s], then what the tracker said, the pose of a `Sample`, p [m], v [m/s], w [rad/s], t [s].
+    """Fill the fields of `row` (width,) from `at` on, the index of `currents_age`: ages of the readings [s], then the
+    tracker's pose, that of a `Sample`, p [m], v [m/s], w [rad/s], t [s].
 
-    One number instead of the places of all fields: it is looked at three times faster.
+    A single index instead of the record of all places: numba unpacks it three times faster.
     """
     row[at], row[at + 1], row[at + 2], row[at + 3] = currents_age, field_age, t, valid
     for i in range(3):
@@ -243,11 +243,11 @@ def fill_object(
     row: Array, places: Records, share: Array, p: Array, R: Array, wrench: Array, contacts: Array, memory: Array,
     held: Array,
 ) -> None:  # fmt: skip
-    """Fill the fields of `row` (width,) that tell of what the world acts on, at the `places` of the `RowLayout`.
+    """Fill the fields of `row` (width,) on the object that the world acts on, at the `places` of the `RowLayout`.
 
     share (2,), p (3,) [m], R (3, 3), wrench (6,) [N, N·m] and contacts (n, 8) as a `RenderedWrench` has them: the row
-    takes as many as it has room for, and those that are missing are zero. memory (n,) of a world, in its own units: as
-    much as there is room for, and NaN behind it. held (14 + …,) becomes share, p, R and contacts.
+    contains as many as it has room for, and missing ones are zero. memory (n,) of a world, in its own units: as
+    much as there is room for, then NaN. held (14 + …,) becomes share, p, R and contacts.
     """
     at = places[0]
     for i in range(2):
@@ -269,11 +269,11 @@ def fill_object(
 
 
 # --------------------------------------------------------------------------------------------------
-# What a trip says of its cause.
+# Message on the cause of a trip.
 
 
 def explain_trip(reason: Trip, cause: BaseException, world: World) -> str:
-    """What a failed `world` or driver said, and where in a user's code."""
+    """Error of the failed `world` or driver, with its place in user code."""
     if reason is Trip.MEMORY_NOT_FINITE:
         return str(cause)
     if reason is not Trip.WORLD_FAILED:
@@ -282,18 +282,18 @@ def explain_trip(reason: Trip, cause: BaseException, world: World) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# A background thread that computes the work of a world while ticks continue.
+# Background thread that computes the work of a world while ticks continue.
 
 
 @final
 class WorkThread:
-    """Computes one work at a time, at ordinary priority and on other processors than the loop's.
+    """Thread for background work, one piece at a time, at ordinary priority and on other processors than the loop's.
 
-    The thread begins with the first work and ends with the process; where none can begin, the work is computed at once,
-    and the tick is late. It holds Python's lock only between calls of the engine, for some ten microseconds.
+    It starts with the first work and ends with the process; where no thread can start, the work is computed at once,
+    and the tick is late. It holds the interpreter lock only between calls of the engine, for some 10 µs.
 
-    done   the work that was given last has been computed
-    took   processor time that it took [s]
+    done   whether the last submitted work has been computed
+    took   its processor time [s]
     """
 
     def __init__(self) -> None:
@@ -303,8 +303,8 @@ class WorkThread:
         self._fault: BaseException | None = None
         self.done, self.took = False, 0.0
 
-    def give(self, work: WorldWork) -> None:
-        """Have `work` computed; the one before has been."""
+    def submit(self, work: WorldWork) -> None:
+        """Start computing `work`; the one before must be done."""
         self.done = False
         if self._thread is None:
             loops = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
@@ -317,16 +317,16 @@ class WorkThread:
             self._thread = thread
         self._works.put(work)
 
-    def take(self) -> Any:
-        """The result of the work that was given last, which is done. Raises what its computation raised."""
+    def collect(self) -> Any:
+        """Return the result of the last work, which must be done. Raises what its computation raised."""
         if self._fault is not None:
             fault, self._fault = self._fault, None
             raise fault
         return self._result
 
     def _run(self, loops: set[int]) -> None:
-        """`loops`: the processors of the loop, which are not for this thread, nor is the loop's priority. Empty where
-        the system does not say."""
+        """Thread function. `loops`: processors of the loop, which this thread must not use, nor the loop's priority.
+        Empty where the system does not report them."""
         if loops:
             others = {*range(os.cpu_count() or 1)} - loops
             with suppress(OSError):
@@ -340,53 +340,53 @@ class WorkThread:
         start = thread_time()
         try:
             self._result = work.compute()
-        except BaseException as fault:  # the tick that takes it trips
+        except BaseException as fault:  # the tick that collects the result trips
             self._fault = fault
         self.took = thread_time() - start
         self.done = True
 
 
 # --------------------------------------------------------------------------------------------------
-# What the step of a world with memory may take of a tick, and what is done about one that takes more.
+# Computing time budget of a world with memory, and the reduction of its detail.
 
 
-_SHARE = 0.4  #: of a tick that a world may take, on average; the rest of the tick needs about 0.2 ms
-_EASY = 0.15  #: of a tick: below, there is time for more
+_MAX_SHARE = 0.4  #: average share of a tick that a world may take; the rest of the tick needs about 0.2 ms
+_RESTORE_SHARE = 0.15  #: average share of a tick below which detail is restored
 _AVERAGED_STEPS = 8.0  #: steps in the average
-_MAX_COUNTED_TICKS = 2.0  #: ticks that a single step counts at most: the computer may have interrupted it
-_RESTORE_DELAY_S = 1.0  #: with such an average, before one level of detail returns [s]
-_MAX_WAIT_FACTOR = 64.0  #: by so much that time grows with every return that did not last
-_MAX_LONG_STEPS = 1.9  #: steps longer than a tick, with reduced detail and of late, until it is reduced further: two
-_DECAY_PER_TICK = 0.998  #: by so much of each tick an earlier one counts less
+_MAX_COUNTED_TICKS = 2.0  #: cap on a single step in the average [ticks]: the computer may have interrupted it
+_RESTORE_DELAY_S = 1.0  #: time with such an average before one level of detail is restored
+_MAX_WAIT_FACTOR = 64.0  #: limit of the back-off of that time after restorations that had to be reverted
+_MAX_LONG_STEPS = 1.9  #: decayed count of overruns at reduced detail above which it is reduced further: two
+_DECAY_PER_TICK = 0.998  #: exponential forgetting factor of that count
 _NOTHING = TickFailure(0)
 
 
 class StepWatch(Protocol):
-    """What receives the begin and end of each step of a world, and changes its detail."""
+    """Receives the begin and end of each step of a world, and changes its detail."""
 
     def begin(self, bound: BoundWorld) -> None:
-        """A step of `bound` begins."""
+        """Begin a step of `bound`."""
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        """A step of `bound` is over. LESS_DETAIL or MORE_DETAIL if its detail was changed, and WORK if it began with
+        """End the step of `bound`. Return LESS_DETAIL or MORE_DETAIL if its detail changed, and WORK if it began with
         the result of background work; else 0."""
 
 
 @final
 class WorldBudget:
-    """Watches the time of a world's steps in ticks of `dt` [s] and makes it reduce its detail, or restore it.
+    """Monitors the computing time of a world's steps in ticks of `dt` [s], and reduces or restores its detail.
 
     A step cannot be interrupted: the budget leaves more than half of a tick, so that a scene which takes longer reduces
     detail before ticks are late. If single steps are longer than a tick even so, a background thread computes
-    them. Processor time counts, on average: a step that waits because the computer is busy with other work is no
-    faster with less detail, and the hand would feel the scene change without need.
+    them. Average processor time counts, not wall time: a step that is delayed by other work of the computer is not
+    faster with less detail, and the change of the scene would be felt without need.
     """
 
     def __init__(self, dt: float) -> None:
-        self._budget, self._easy, self._most = _SHARE * dt, _EASY * dt, _MAX_COUNTED_TICKS * dt
+        self._budget, self._easy, self._most = _MAX_SHARE * dt, _RESTORE_SHARE * dt, _MAX_COUNTED_TICKS * dt
         self._wait = round(_RESTORE_DELAY_S / dt)
         self._mean, self._calm, self._patience = 0.0, 0, 1.0
-        self._start = self._background = 0.0  # processor time of the last background work, while there is any
+        self._start = self._background = 0.0  # processor time: start of the step, last background work [s]
         self._whole, self._long, self._lighter = dt, 0.0, 0
         self._thread, self._found = WorkThread(), _NOTHING
         self._work: WorldWork | None = None
@@ -394,23 +394,23 @@ class WorldBudget:
 
     @property
     def is_computing(self) -> bool:
-        """Whether the background thread is at work."""
+        """Whether the background thread is computing."""
         return self._work is not None and not self._thread.done
 
     def begin(self, bound: BoundWorld) -> None:
-        """A step of `bound` begins, with the result of background work if that is due and done."""
+        """Begin a step of `bound`, with the result of background work if that is due and done."""
         self._found = _NOTHING
         if self._work is not None and self._thread.done and not (bound.paused or bound.failed):
             if self._owner is not bound or not self._work.fits(bound.memory):  # another world, or restarted
                 self._work = None
             elif bound.world.is_work_due(bound.memory):
                 self._work, self._background = None, self._thread.took
-                bound.world.take_over(bound.memory, self._thread.take())
+                bound.world.take_over(bound.memory, self._thread.collect())
                 self._found = TickFailure.WORK
         self._start = thread_time()
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        """A step of `bound`, begun on this thread, is over."""
+        """End the step of `bound`, which began on this thread."""
         took = thread_time() - self._start
         if self._work is None:
             self._work = bound.world.find_work(bound.memory)
@@ -418,7 +418,7 @@ class WorldBudget:
                 self._background = 0.0
             else:
                 self._owner = bound
-                self._thread.give(self._work)
+                self._thread.submit(self._work)
         return self.judge(bound, max(took, self._background)) | self._found
 
     def judge(self, bound: BoundWorld, took: float) -> TickFailure:
@@ -449,14 +449,14 @@ class WorldBudget:
         return TickFailure.MORE_DETAIL
 
 
-#: fields of one number each that a tick fills itself; the first begins those of `fill_pose`
+#: scalar fields that a tick fills itself; the first is the start of those of `fill_pose`
 _SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged")
 
 
 class Tick(Stateful):
-    """The chain for one device, world and driver; `step` runs it once and fills one row.
+    """Control chain of one device, world and driver; `step` runs it once and fills one row.
 
-    Any failure in it ends in coils off with a reason, never in an exception that leaves them on.
+    Any failure trips, coils off, with a reason; no exception leaves them on.
     """
 
     def __init__(
@@ -474,7 +474,7 @@ class Tick(Stateful):
         self.world = world.for_device(device)
         self._device, self._dt = device, dt
         check_world_period(self.world, dt)
-        self.client = make_client_force()  #: (1,) what a program outside the loop commands; the loop fills it
+        self.client = make_client_force()  #: (1,) command of a client program; the loop fills it
         self._bound = bind_world(self.world, dt, client=self.client)  # of a world with memory; None of another
         self.budget: StepWatch = WorldBudget(dt)
         self.world_changes = 0
@@ -487,7 +487,7 @@ class Tick(Stateful):
         self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
         self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
-        #: what the world acted on in the last tick that rendered: share (2,), place (3,), R (3, 3) and contacts
+        #: object in the last tick that rendered: share (2,), place (3,), R (3, 3) and contacts
         self._kept, self._kept_cells = make_block(
             {"applied": (device.channels,), "rendered": (6,), "on_thing": (6,),
              "thing": (14 + 8 * self.layout.contacts,)},
@@ -498,15 +498,15 @@ class Tick(Stateful):
         self._object_mode, self._object_engaged = 0, False
         self._no_currents = Allocation(self._zeros, self._nothing, Saturation.NONE, 0.0)
         self._stages = np.zeros(len(STAGES))
-        self._times: Any = self._stages.data  # single numbers go through it twice as fast
-        self._ahead = 0.0  # spent in `prepare` [s]
+        self._times: Any = self._stages.data  # scalar access through it is twice as fast
+        self._ahead = 0.0  # duration of `prepare` [s]
         self._model = float(device.models.index(estimator.model)) if estimator.model else np.nan
         self._rendered: Array = self._kept["rendered"]
         self._object_wrench: Array = self._kept["on_thing"]
         self.part = RenderedPart(allocator, choice, self.protection, self._rendered)
         self.part.begin(self.world)
         self._places = self.layout.places
-        # Looked up once: a dictionary in every tick takes a quarter of a microsecond for all of them.
+        # Bound once: dictionary look-ups in every tick take 0.25 µs for all of them.
         self._cells = tuple(self.layout[name].start for name in _SINGLE)
         commands, failures, scale = (self.layout[name].start for name in ("commands", "failures", "torque_scale"))
         self._log_places = commands, failures, scale
@@ -530,7 +530,7 @@ class Tick(Stateful):
         memory keeps of it what its rule says.
         """
         self._go_over(world)
-        self._log.note(TickCommand.WORLD)
+        self._log.record(TickCommand.WORLD)
 
     def _go_over(self, world: World, *, other: bool = False) -> None:
         fitted = world.for_device(self._device)
@@ -548,24 +548,24 @@ class Tick(Stateful):
     def replace_world(self, world: World) -> None:
         """Render another version of the world, when the wrench of this one has faded to zero."""
         self._go_over(world, other=True)
-        self._log.note(TickCommand.REPLACE)
+        self._log.record(TickCommand.REPLACE)
 
     def change_model(self, number: int) -> None:
         """Invert another of the device's models, counted from 0, without a step. InputError if the estimator cannot."""
         self.estimator.change_model(self._device.models[number])
         self._model = float(number)
-        self._log.note_model(number)
+        self._log.record_model(number)
 
     def stop(self) -> None:
         """A person stopped: coils off, and off until a person engages."""
-        self._log.note(TickCommand.STOP)
+        self._log.record(TickCommand.STOP)
         self.protection.trip(Trip.STOPPED)
 
     def engage(self) -> bool:
         """Leave OFF or a trip deliberately; False while its reason is still there. Nothing happens while engaged."""
         if self.protection.engaged:
             return True
-        self._log.note(TickCommand.ENGAGE)
+        self._log.record(TickCommand.ENGAGE)
         try:
             self.driver.engage()
         except HaptorbError as cause:
@@ -588,14 +588,14 @@ class Tick(Stateful):
     def cool(self) -> None:
         """Simulated coils at the ambient temperature. Real ones stay as warm as they are, and as the guard knows."""
         if self.driver.simulated:  # safety: cool-simulated
-            self._log.note(TickCommand.COOL)
+            self._log.record(TickCommand.COOL)
             self.driver.cool()
             self.protection.restart_heat()
 
     def excuse_lateness(self) -> None:
         """The computer woke the loop too late. A simulated device does not trip for that; a real one may."""
         if self.driver.simulated:  # safety: excuse-simulated
-            self._log.note(TickCommand.EXCUSE)
+            self._log.record(TickCommand.EXCUSE)
             self.protection.excuse_lateness()
 
     def prepare(self, now: float) -> None:
@@ -727,7 +727,7 @@ class Tick(Stateful):
         if self._bound is not None:
             self._bound.paused, self._bound.failed = bool(paused), bool(failed)
 
-    def take_memory(self, memory: Array) -> None:
+    def load_memory(self, memory: Array) -> None:
         """Let the world remember `memory` (n,), as a row has it, in the units of its fields."""
         if self._bound is not None:
             self._bound.numbers[:] = memory[: self._bound.numbers.size]

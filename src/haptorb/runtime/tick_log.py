@@ -1,4 +1,4 @@
-"""What was commanded before a tick, and what failed in it: two sums in the row, so that a recording can run again."""
+"""Commands before a tick and failures in it, as two bit sums in the row, so that a recording can be replayed."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from haptorb.control.linkage import MODES, Linkage, Mode
 __all__ = ["MODEL", "NO_TICK", "NotedLinkage", "TickCommand", "TickFailure", "TickLog", "find_model"]
 
 MODEL = 2048  #: times the number of a model, from 1 on
-NO_TICK = -1.0  #: instead of commands: the row that the loop leaves behind
+NO_TICK = -1.0  #: in place of commands: marks the final row of the loop
 
 
 class TickCommand(IntFlag):
-    """The commands of a person or the loop to the tick, in the order in which the loop passes them."""
+    """Commands of the user or the loop to the tick, in the order in which the loop passes them."""
 
     EXCUSE = 32
     STOP = 1
@@ -30,7 +30,7 @@ class TickCommand(IntFlag):
 
 
 class TickFailure(IntFlag):
-    """What failed in a tick; whether its world reduced or restored detail, or took over background work."""
+    """Failures in a tick; whether its world reduced or restored detail, or used the result of background work."""
 
     READ = 1
     WRITE = 2
@@ -47,7 +47,7 @@ _MODES: dict[Mode, TickCommand] = dict(zip(MODES, (TickCommand.TRANSLATE, TickCo
 
 
 def find_model(commands: int) -> int:
-    """Number of the model that is commanded in `commands`, from 0 on; −1: none.
+    """Number of the model in `commands`, from 0 on; −1: none.
 
     >>> find_model(2 * MODEL + TickCommand.STOP), find_model(TickCommand.STOP)
     (1, -1)
@@ -57,36 +57,36 @@ def find_model(commands: int) -> int:
 
 @final
 class TickLog:
-    """Sums of what happened since the last tick; `scale` is the torque scale that was commanded last."""
+    """Bit sums of commands and failures since the last tick; `scale` is the last commanded torque scale."""
 
     def __init__(self) -> None:
         self.commands = self.failures = 0
         self.scale = 1.0
 
-    def note(self, command: int) -> None:
-        """A command arrived."""
-        self.commands |= int(command)  # a sum of flags is ten times slower
+    def record(self, command: int) -> None:
+        """Record a command."""
+        self.commands |= int(command)  # `|` of IntFlag members is ten times slower
 
-    def note_mode(self, mode: Mode) -> None:
-        """A new mode: the last one counts."""
+    def record_mode(self, mode: Mode) -> None:
+        """Record a new mode; it replaces an earlier one."""
         self.commands = int(self.commands & ~(TickCommand.TRANSLATE | TickCommand.ROTATE) | _MODES[mode])
 
-    def note_clutch(self, engaged: bool) -> None:
-        """A command to the clutch: the last one counts."""
+    def record_clutch(self, engaged: bool) -> None:
+        """Record a command to the clutch; it replaces an earlier one."""
         flag = TickCommand.HOLD if engaged else TickCommand.RELEASE
         self.commands = int(self.commands & ~(TickCommand.HOLD | TickCommand.RELEASE) | flag)
 
-    def note_model(self, number: int) -> None:
-        """A new model, by its `number` from 0."""
+    def record_model(self, number: int) -> None:
+        """Record a new model, by its `number` from 0; it replaces an earlier one."""
         self.commands = self.commands % MODEL + MODEL * (number + 1)
 
     def fail(self, failure: int) -> None:
-        """`failure` happened."""
+        """Record `failure`."""
         self.failures |= int(failure)
 
     def fill(self, cells: Any, places: tuple[int, int, int]) -> None:
-        """The tick is over: into the row `cells`, a memoryview, at the `places` of commands, failures and torque scale;
-        all sums start again."""
+        """Write the sums to the row `cells`, a memoryview, at the `places` of commands, failures and torque scale, and
+        reset them."""
         commands, failures, scale = places
         cells[commands], cells[failures], cells[scale] = self.commands, self.failures, self.scale
         self.commands = self.failures = 0
@@ -94,23 +94,23 @@ class TickLog:
 
 @final
 class NotedLinkage:
-    """The loop's commands to `linkage`, noted in `log`."""
+    """Passes the loop's commands on to `linkage`, and records them in `log`."""
 
     def __init__(self, linkage: Linkage, log: TickLog) -> None:
         self._linkage, self._log = linkage, log
 
     def set_mode(self, mode: Mode) -> None:
-        """Go over to `mode` without a step."""
+        """Change to `mode` without a step."""
         self._linkage.set_mode(mode)
-        self._log.note_mode(mode)
+        self._log.record_mode(mode)
 
     def set_clutch(self, engaged: bool) -> None:
-        """Take hold of the world's object, or let it go, without a step."""
+        """Engage or release the clutch to the world's object, without a step."""
         self._linkage.set_clutch(engaged)
-        self._log.note_clutch(engaged)
+        self._log.record_clutch(engaged)
 
     def set_torque_scale(self, scale: float) -> None:
-        """Let the wrench come back `scale` times as strong, without a step."""
+        """Scale the torques by `scale`, without a step."""
         self._linkage.set_torque_scale(scale)
-        self._log.note(TickCommand.SCALE)
+        self._log.record(TickCommand.SCALE)
         self._log.scale = scale

@@ -1,8 +1,10 @@
-"""The process that receives a tracker's poses: `python -m haptorb.runtime.tracker_process`; what it is to do
-comes as JSON on its standard input, because every account can read the arguments of a process, and a token is in it.
+"""Tracker process, which receives a tracker's poses: `python -m haptorb.runtime.tracker_process`.
 
-It may wait for the network and parse what comes from there, which no tick may. It writes poses into the memory that it
-shares with the servo, and ends when the servo has ended or its parent is gone.
+Its specification comes as JSON on its standard input, because every account can read the arguments of a process, and
+the specification contains a token.
+
+It may wait for the network and parse messages, which a tick must not. It writes poses to the memory that it shares
+with the servo, and ends when the servo or its parent has ended.
 """
 
 from __future__ import annotations
@@ -26,23 +28,23 @@ __all__ = ["main"]
 
 load_compiler()  # now: no pose waits for the compiler to be loaded
 
-_POLL_TIMEOUT_S = 0.05  #: longest wait for a pose before looking whether to end [s]
-_TELL = 0.25  #: between two reports [s]
-_FLOOD = 0.3  #: a process that needs this share of a processor nearly never sleeps: it is flooded
+_POLL_TIMEOUT_S = 0.05  #: longest wait for a pose before the check whether to end
+_REPORT_INTERVAL_S = 0.25  #: between two reports
+_FLOOD_LOAD = 0.3  #: processor load above which the process counts as flooded
 
 
 class _ServoEnded(Exception):
-    """The servo has ended, or no reader is left."""
+    """The servo has ended, or no process reads the poses."""
 
 
 def main(spec: Mapping[str, Any]) -> int:
-    """Listen until the servo has ended; returns the exit code.
+    """Receive poses until the servo has ended; return the exit code.
 
     `spec`: shared (path), descriptor (of an open socket, or −1), parent (process id), feed (of a `Preparation`),
     frame (text of a `TrackerFrame`; empty: poses are in the stator's frame).
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the servo's end is this one's end
+        signal.signal(number, signal.SIG_IGN)  # it ends after the servo
     die_with_parent()
     shared = SharedMemory(Path(spec["shared"]))
     words, parent = shared.words, int(spec["parent"])
@@ -52,7 +54,7 @@ def main(spec: Mapping[str, Any]) -> int:
             raise _ServoEnded
 
     def origin() -> float:
-        words[Word.TRACKER] = Phase.RUNNING  # who waits for the loop must not be waited for
+        words[Word.TRACKER] = Phase.RUNNING  # before the first pose: its sender may wait for the loop
         while words[Word.PHASE] < Phase.RUNNING:
             look()
             sleep(0.002)
@@ -66,14 +68,14 @@ def main(spec: Mapping[str, Any]) -> int:
         return _report_failure(shared, str(cause))
     pose_filter = PoseFilter(feed, shared.tracked)
     words[Word.TRACKER] = Phase.RUNNING
-    raise_priority()  # it sleeps nearly always, and a pose that waits for its turn on a busy computer grows old
+    raise_priority()  # it sleeps nearly always, and scheduling delays on a busy computer would age the poses
     report_time, cpu_time = monotonic(), process_time()
     try:
         while True:
             look()
             pose_filter.listen(_POLL_TIMEOUT_S)
-            if (passed := monotonic() - report_time) > _TELL:
-                if process_time() - cpu_time > _FLOOD * passed:
+            if (passed := monotonic() - report_time) > _REPORT_INTERVAL_S:
+                if process_time() - cpu_time > _FLOOD_LOAD * passed:
                     lower_priority()
                 report_time, cpu_time = monotonic(), process_time()
                 shared.tracker_facts.write(json.dumps(pose_filter.facts()))

@@ -1,4 +1,4 @@
-"""What a first start compiles: the controller at once, and the catalogue's worlds when the loop runs already."""
+"""Compilation at a first start: the controller before the loop, the catalogue's worlds while it runs."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.tick import Chain, Tick
 from haptorb.worlds.base import World
 
-__all__ = ["Compilation", "find_uncompiled", "list_companions", "make_idle_tick", "practise"]
+__all__ = ["Compilation", "dry_run", "find_uncompiled", "list_companions", "make_idle_tick"]
 
 
 # --------------------------------------------------------------------------------------------------
-# A tick in which nothing happens, of a controller whose code is to be compiled or loaded.
+# A tick with stub driver and estimator, used to compile or load the controller's code.
 
 
 _DT = 1e-3  #: [s]
@@ -36,7 +36,7 @@ _AMBIENT = 298.15  #: [K]
 
 
 def make_idle_tick(device: Device, world: World, gains: Gains | None = None) -> Tick:
-    """`world` on `device` between a driver and an estimator for which nothing needs to be compiled."""
+    """Make the chain of `world` on `device` with a stub driver and a stub estimator, which need no compiled code."""
     return Tick(
         device, world, _IdleDriver(device), _IdleEstimator(device), make_allocator(device), _DT,
         make_linkage(device, gains), choice=make_choice(device),
@@ -45,20 +45,20 @@ def make_idle_tick(device: Device, world: World, gains: Gains | None = None) -> 
 
 @final
 class _IdleEstimator(Estimator):
-    """Knows that nothing happens, and needs nothing compiled for it."""
+    """Stub estimator: returns the tracker's pose; needs no compiled code."""
 
     def __init__(self, device: Device) -> None:
         self._nothing = WrenchMap(np.zeros((6, device.channels)), np.zeros(6))
 
     def update(self, sample: Sample) -> Estimate:
-        """The tracker's pose, where no current has an effect."""
+        """Return the tracker's pose; currents have no effect there."""
         pose = sample.pose
         return Estimate(State(sample.t, pose.R_SR, pose.p, pose.w, pose.v), self._nothing, True, 0.0)
 
 
 @final
 class _IdleDriver(Driver):
-    """A device in which nothing happens, and about which nothing needs to be compiled."""
+    """Stub driver: returns a constant sample; needs no compiled code."""
 
     name, simulated = "still", True
 
@@ -73,13 +73,13 @@ class _IdleDriver(Driver):
         """Nothing is to be done."""
 
     def read(self, now: float) -> Sample:
-        """The same as ever."""
+        """Return the constant sample."""
         still = np.zeros(3)
         pose = Pose(now, np.eye(3), self._place, still, still, True)
         return Sample(now, self._currents, self._currents + _AMBIENT, self._field, pose)
 
     def write(self, duties: Array) -> Array:
-        """What was asked."""
+        """Return the duties unchanged."""
         return duties.copy()
 
     def truth(self) -> Array:
@@ -90,24 +90,24 @@ class _IdleDriver(Driver):
 _TICKS = 3
 
 
-def practise(chain: Chain, world: World, row: Array, now: float) -> None:
-    """One step of `chain` at `now` [s] with `world`, which fills `row` (width,); nothing if the device cannot render
-    it: then it cannot be chosen either."""
+def dry_run(chain: Chain, world: World, row: Array, now: float) -> None:
+    """Dry-run one step of `chain` at `now` [s] with `world`, which fills `row` (width,); a world that the device cannot
+    render is skipped, as it cannot be chosen either."""
     with suppress(HaptorbError):
         chain.change_world(world)
         chain.step(row, now)
 
 
 def find_uncompiled(chain: Chain, world: World, row: Array, now: float) -> list[str]:
-    """Names of kernels of `world` that lie in no cache, after one step at `now` [s] as `practise` has it, which fills
-    `row` (width,). What is in the cache was loaded; nothing was compiled."""
+    """Load the cached code of `world` by a `dry_run` at `now` [s], which fills `row` (width,); return the names of
+    kernels that are not in the cache. Nothing is compiled."""
     with forbid_compiling() as missing, suppress(UncompiledKernelError):
-        practise(chain, world, row, now)
+        dry_run(chain, world, row, now)
     return missing
 
 
 def list_companions(device: Device, world: World) -> list[World]:
-    """Worlds that have a tool's torque allocated, if only the wrenches of `world` will tell whether it does, too."""
+    """Worlds that use the torque allocation, if only the wrenches of `world` will show whether it needs that, too."""
     if world.asks is not None or not has_choice(device):
         return []
     return [kind() for kind in worlds.CATALOGUE.values() if kind.asks in ("torque", "both")]
@@ -116,8 +116,7 @@ def list_companions(device: Device, world: World) -> list[World]:
 @final
 @dataclass(frozen=True)
 class Compilation:
-    """Of the code that a run needs, for processes beside the servo's: what one of them has compiled lies in the cache
-    for the others.
+    """Compiles the code that a run needs into the shared cache, for processes beside the servo's.
 
     Failures are not reported: the servo's process meets them too, and reports them.
     """
@@ -125,13 +124,13 @@ class Compilation:
     config: RunConfig
 
     def make_tick(self) -> Chain:
-        """The controller between a driver and an estimator for which nothing needs to be compiled."""
+        """Make the controller with a stub driver and a stub estimator."""
         return make_idle_tick(self.config.device, self.config.world, self.config.gains)
 
     def compile_controller(self) -> Iterator[None]:
-        """Compile part after part, as it is iterated, what controls the device in the first world.
+        """Compile the controller with the first world, one part per iteration.
 
-        The estimator comes last: it has the magnetics in common with the simulated device, which the servo's process
+        The estimator comes last: it shares the magnetics with the simulated device, which the servo's process
         compiles at that time.
         """
         with suppress(HaptorbError):
@@ -139,7 +138,7 @@ class Compilation:
             yield
             device, world = self.config.device, self.config.world
             for n, one in enumerate((world, *list_companions(device, world))):
-                practise(chain, one, row, 1e-3 * n)
+                dry_run(chain, one, row, 1e-3 * n)
                 yield
             learning = make_estimator(device, check_estimator(device, self.config.estimator), self.config.model)
             yield
@@ -148,16 +147,16 @@ class Compilation:
                 yield
 
     def compile_catalogue(self, find_wanted: Callable[[], str]) -> Iterator[str]:
-        """Compile world after world, as it is iterated, and yield its name.
+        """Compile one world per iteration, and yield its name.
 
-        find_wanted   → name of the world that is waited for, which comes next; empty for none
+        find_wanted   returns the name of a requested world, which comes next; empty for none
         """
         chain, row = self.make_tick(), self._make_row()
         left = list(worlds.CATALOGUE)
         while left:
             wanted = find_wanted()
             name = left.pop(left.index(wanted) if wanted in left else 0)
-            practise(chain, worlds.CATALOGUE[name](), row, 1e-3 * (len(worlds.CATALOGUE) - len(left)))
+            dry_run(chain, worlds.CATALOGUE[name](), row, 1e-3 * (len(worlds.CATALOGUE) - len(left)))
             yield name
 
     def _make_row(self) -> Array:

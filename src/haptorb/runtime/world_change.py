@@ -1,6 +1,6 @@
-"""A world by name and values, as it travels from host to servo and into recordings: JSON there and back.
+"""Worlds by name and parameter values as JSON, between host and servo and in recordings.
 
-A clients' force beside it (`haptorb run --serve`) stays through every change, and is no part of name and values.
+A clients' force beside it (`haptorb run --serve`) is retained through every change, and is not in name and values.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = [
 
 
 def name_of(world: World) -> str:
-    """The catalogue's name of a world, else its own.
+    """Name of a world in the catalogue, else its own.
 
     >>> name_of(worlds.Nothing())
     'nothing'
@@ -43,7 +43,7 @@ def name_of(world: World) -> str:
 
 
 def values_of(world: World) -> dict[str, float | tuple[float, ...]]:
-    """The values of the parameters of `world` by name, each in its own unit.
+    """Parameter values of `world` by name, each in its own unit.
 
     >>> values_of(worlds.Nothing() + worlds.Remote())
     {}
@@ -52,8 +52,8 @@ def values_of(world: World) -> dict[str, float | tuple[float, ...]]:
 
 
 def description(world: World) -> str:
-    """Name and present values as JSON, and what it promises; of a world with memory, its fields as rows have them; and
-    the values of the clients' force beside it.
+    """Description of a world as JSON: name, current values, declared properties; of a world with memory, its fields as
+    rows have them; and the values of the clients' force beside it.
 
     >>> description(worlds.Nothing())
     '{"name": "nothing", "values": {}, "asks": "force"}'
@@ -68,16 +68,16 @@ def description(world: World) -> str:
         ]
         if world.stores_energy != any(field.name == "energy" for field in world.memory_fields):
             message["stores_energy"] = world.stores_energy
-    # What a replay must know of a world whose code it has not.
+    # Required by a replay without the code of the world.
     message |= {} if world.passive else {"passive": False}
     message |= {"asks": world.asks} if world.asks else {}
     return json.dumps(message)
 
 
 def request(number: int, name: str, values: Mapping[str, Any], file: str = "") -> str:
-    """The wish for another world, or other values, as JSON. Raises InputError for values that are not numbers.
+    """Request for another world, or other values, as JSON. Raises InputError for values that are not numbers.
 
-    file: path of a packed world that replaces the own world `name`; only the host's own code may give one.
+    file: path of a packed world that replaces the user's world `name`; only the host's own code may set it.
     """
     try:
         return json.dumps({"number": number, "name": name, "values": dict(values), "file": file}, default=list)
@@ -86,13 +86,13 @@ def request(number: int, name: str, values: Mapping[str, Any], file: str = "") -
 
 
 def parse_request(text: str) -> tuple[int, str, dict[str, Any], str]:
-    """(number, name, values, file) of a `request`."""
+    """Parse a `request` to (number, name, values, file)."""
     message = json.loads(text)
     return message["number"], message["name"], message["values"], message["file"]
 
 
 def change_world(world: World, name: str, values: Mapping[str, Any], own: Mapping[str, World] | None = None) -> World:
-    """`world` with other `values` if that is its name, else one of the `own` or the catalogue's worlds with them.
+    """Return `world` with other `values` if that is its name, else one of the `own` or the catalogue's worlds.
 
     Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
     """
@@ -108,7 +108,7 @@ def change_world(world: World, name: str, values: Mapping[str, Any], own: Mappin
 
 
 def answer(number: int, error: HaptorbError | None = None) -> str:
-    """The answer to request `number` as JSON: accepted, or refused with which error and its text."""
+    """Answer to request `number` as JSON: accepted, or rejected with class and text of the error."""
     if error is None:
         return json.dumps({"number": number})
     kind = UnknownName if isinstance(error, UnknownName) else InputError
@@ -116,24 +116,24 @@ def answer(number: int, error: HaptorbError | None = None) -> str:
 
 
 def parse_answer(text: str) -> tuple[int, InputError | None]:
-    """(number, the error or None) of an `answer`; number 0 for no answer at all, or not yet."""
+    """Parse an `answer` to (number, error or None); number 0 if there is no answer, or not yet."""
     message = json.loads(text) if text else {}
     if "number" not in message:
         return 0, None
     if "refused" not in message:
         return message["number"], None
     kind = UnknownName if message["refused"] == "UnknownName" else InputError
-    error = kind.__new__(kind)  # the text is complete: UnknownName's own constructor would compose another
+    error = kind.__new__(kind)  # the text is complete: the constructor of UnknownName would compose another
     error.args = (message["text"],)
     return message["number"], error
 
 
 def postponement(number: int) -> str:
-    """What comes before the answer to request `number` if that must wait for compiled code, as JSON."""
+    """Interim answer to request `number` if it must wait for compiled code, as JSON."""
     return json.dumps({"postponed": number})
 
 
 def parse_postponement(text: str) -> int:
-    """The number of the request that must wait; 0 if `text` is no `postponement`."""
+    """Parse the number of a postponed request; 0 if `text` is no `postponement`."""
     number: int = json.loads(text).get("postponed", 0) if text else 0
     return number

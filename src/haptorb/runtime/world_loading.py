@@ -1,9 +1,9 @@
-"""Loads worlds beside the loop: new code must not run for the first time in a tick.
+"""Loads worlds in a thread beside the loop: new code must not run for the first time in a tick.
 
-A user's file was saved: a thread unpickles what the host has written into the servo's folder, and calls the world once.
-Or a world of the catalogue was chosen whose code was compiled only after the start, by another process: the thread
-waits for that and loads it. The loop only takes what is ready. Between two of Python's instructions the thread gives
-way to the loop.
+When a user's file was saved, the thread unpickles the world that the host has written to the servo's folder, and
+calls it once. When a world of the catalogue was chosen whose code is compiled after the start, by another process,
+the thread waits for the code and loads it. The loop only receives loaded worlds. Between two of Python's instructions
+the thread yields to the loop.
 """
 
 from __future__ import annotations
@@ -39,36 +39,36 @@ from haptorb.worlds.user_world import (
     try_world,
 )
 
-__all__ = ["LoadedWorld", "WorldLoader", "WorldWatcher", "keep_changes"]
+__all__ = ["LoadedWorld", "WorldLoader", "WorldWatcher", "select_changes"]
 
 
-_SWITCH_INTERVAL_S = 2e-4  #: after which a thread that computes gives way [s]
-_CODE_CHECK_INTERVAL_S = 0.05  #: between two looks for compiled code [s]
-_COMPILE_TIMEOUT_S = 120.0  #: longest wait for it [s]
+_SWITCH_INTERVAL_S = 2e-4  #: longest time for which a thread holds the interpreter lock when another waits
+_CODE_CHECK_INTERVAL_S = 0.05  #: between two checks for compiled code
+_COMPILE_TIMEOUT_S = 120.0  #: longest wait for it
 
 
 @dataclass(frozen=True)
 class LoadedWorld:
-    """What became of request `number`: the world `name`, or why there is none."""
+    """Result of request `number`: the world `name`, or the error."""
 
     number: int
     name: str
-    own: bool  #: another version of an own world; else one of the catalogue
+    own: bool  #: True: new version of a user's world; False: a world of the catalogue
     world: World | None
     error: HaptorbError | None = None
 
 
 @final
 class WorldLoader:
-    """For `device`. Made before the loop asks for its real-time priority, which the thread must not have.
+    """Loader thread for worlds on `device`; created before the loop gets real-time priority, which it must not inherit.
 
-    chain       of its own, in which nothing happens: worlds are loaded by a step of it
-    folder      the servo's own, where the process that compiles notes which world's code is there
-    uncompiled  names of the catalogue's worlds whose code was not there at the start
+    chain       separate chain with a stub driver: a step of it loads a world
+    folder      the servo's folder, where the compiler process marks the worlds whose code is available
+    uncompiled  names of the catalogue's worlds whose code was not available at the start
     """
 
     def __init__(self, device: Device, chain: Chain, folder: Path, uncompiled: Iterable[str] = ()) -> None:
-        self.ready: LoadedWorld | None = None  #: set by the thread, taken and cleared by the loop
+        self.ready: LoadedWorld | None = None  #: set by the thread, read and cleared by the loop
         self._device, self._chain, self._row = device, chain, RowLayout.of(device).empty()
         self._folder, self._uncompiled, self._steps = folder, set(uncompiled), 0
         self._wanted: SimpleQueue[tuple[int, str, bool, Callable[[], World]]] = SimpleQueue()
@@ -76,15 +76,15 @@ class WorldLoader:
         Thread(target=self._serve, name="haptorb-worlds", daemon=True).start()
 
     def is_code_missing(self, name: str) -> bool:
-        """Whether the code of the catalogue's world `name` was not there at the start, and was not loaded since."""
+        """Whether the code of the catalogue's world `name` was not available at the start, and not loaded since."""
         return name in self._uncompiled
 
     def load(self, number: int, name: str, path: Path) -> None:
-        """Begin to load the own world `name` from `path`, for request `number`; returns at once."""
+        """Start loading the user's world `name` from `path`, for request `number`; returns at once."""
         self._wanted.put((number, name, True, partial(self._read, path)))
 
     def prepare(self, number: int, name: str, make: Callable[[], World]) -> None:
-        """Begin to wait for the code of the catalogue's world `name`, which `make` returns; returns at once."""
+        """Start waiting for the code of the catalogue's world `name`, which `make` returns; returns at once."""
         self._wanted.put((number, name, False, make))
 
     def _serve(self) -> None:
@@ -106,11 +106,11 @@ class WorldLoader:
             return LoadedWorld(number, name, own, world)
         except HaptorbError as cause:
             return LoadedWorld(number, name, own, None, cause)
-        except BaseException as cause:  # the user's code, and all that it imports
+        except BaseException as cause:  # user code, and all that it imports
             return LoadedWorld(number, name, own, None, HaptorbError(f"{type(cause).__name__}: {cause}"))
 
     def _load_code(self, name: str, world: World) -> None:
-        """Return when the code of `world` is loaded. Raises InputError if it is not compiled in time."""
+        """Wait for the code of `world` and load it. Raises InputError if it is not compiled in time."""
         if not self._find_uncompiled(world):
             return
         note, patience = code_note(self._folder, name), monotonic() + _COMPILE_TIMEOUT_S
@@ -128,21 +128,21 @@ class WorldLoader:
 
 
 # --------------------------------------------------------------------------------------------------
-# A world in a user's file, reloaded whenever the file is saved; after an error the old world keeps running.
+# A world in a user's file, reloaded whenever the file is saved; after an error the old world continues.
 
 
-_FILE_CHECK_INTERVAL_S = 0.2  #: between two looks at the file [s]
-_SLOW = 2.0  #: a file that takes longer to load and to be called once is reported [s]
-_SETTLED = 0.03  #: for which a file that is being written must stay as it is [s]
+_FILE_CHECK_INTERVAL_S = 0.2  #: between two checks of the file
+_SLOW_LOAD_S = 2.0  #: time to load a file and call it once after which a message is printed
+_SETTLING_TIME_S = 0.03  #: time for which a saved file must be unchanged before it is loaded
 
 
 def _to_json(value: Any) -> Any:
-    """As JSON brings it back."""
+    """Convert a value as a round trip through JSON does."""
     return list(value) if isinstance(value, tuple) else value
 
 
-def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
-    """Those of `values` that differ from the `old` world's and that `new` still allows."""
+def select_changes(old: World, values: dict[str, Any], new: World) -> dict[str, Any]:
+    """Select those of `values` that differ from the `old` world's and that `new` still accepts."""
     before, changes = parameter_values(old), {}
     for name, value in values.items():
         if name in before and value != _to_json(before[name]) and name in parameters(type(new)):
@@ -154,7 +154,7 @@ def keep_changes(old: World, values: dict[str, Any], new: World) -> dict[str, An
 
 @final
 class WorldWatcher:
-    """Checks the file of `world` five times a second and passes every new version to `replace`, in a thread.
+    """Thread that checks the file of `world` five times a second and passes every new version to `replace`.
 
     world     as loaded from the file, without clients' force
     replace   (world, values that the user has changed) → in effect; raises HaptorbError if the servo refuses
@@ -185,7 +185,7 @@ class WorldWatcher:
             stamp = self._file.stamp
             if stamp is None or stamp == self._stamp:
                 continue
-            while self._ending.wait(_SETTLED) or stamp != self._file.stamp:
+            while self._ending.wait(_SETTLING_TIME_S) or stamp != self._file.stamp:
                 if self._ending.is_set():
                     return
                 stamp = self._file.stamp
@@ -194,7 +194,7 @@ class WorldWatcher:
 
     def _load(self) -> None:
         path = self._file.path.name
-        hint = threading.Timer(_SLOW, self._explain_wait, [path])
+        hint = threading.Timer(_SLOW_LOAD_S, self._explain_wait, [path])
         hint.daemon = True
         hint.start()
         try:
@@ -203,7 +203,7 @@ class WorldWatcher:
                 raise UnknownName(f"world in {path}", new.name, [self._world.name])
             try_world(new, self._device)
             name, values = self._current()
-            self._replace(new, keep_changes(self._world, values, new) if name == new.name else {})
+            self._replace(new, select_changes(self._world, values, new) if name == new.name else {})
         except HaptorbError as cause:
             if not self._ending.is_set():
                 self.trouble = f"{path} was saved, but the previous world continues: {cause}"
@@ -211,15 +211,15 @@ class WorldWatcher:
             return
         finally:
             hint.cancel()
-            hint.join()  # what it says comes before what follows
+            hint.join()  # its message is printed before the following ones
         self._world = new
         show(f"{path} was saved: world '{new.name}' is reloaded\n")
-        self.trouble = ""  # last: a waiting thread finds the message shown
+        self.trouble = ""  # last: for a waiting thread the message has been printed by then
 
     def _explain_wait(self, path: str) -> None:
-        """The new code does not return, and while it runs nothing else is loaded."""
+        """Report that the new code does not return, and that nothing else is loaded while it runs."""
         self.trouble = (
-            f"{path} was saved, but has not returned from loading or its first call for {_SLOW:g} s; the previous "
+            f"{path} was saved, but has not returned from loading or its first call for {_SLOW_LOAD_S:g} s; the previous "
             "world continues. If it never returns, correct the file and restart"
         )
         if not self._ending.is_set():

@@ -1,4 +1,4 @@
-"""What a world prints, on its way to the host's terminal: a tick never waits for its reader."""
+"""Standard output of a world, passed to the host's terminal without blocking a tick."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ __all__ = ["OutputReader", "WorldOutput", "show"]
 
 @final
 class WorldOutput(TextIOBase):
-    """Writes to the pipe `descriptor` what fits into it at once, and drops the rest: the host reads, or does not."""
+    """Non-blocking writer to the pipe `descriptor`: drops what does not fit."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         os.set_blocking(descriptor, False)
 
     def fileno(self) -> int:
-        """Of the pipe."""
+        """Descriptor of the pipe."""
         return self._descriptor
 
     def write(self, text: str) -> int:
-        """Write at once, or not at all."""
-        with suppress(OSError):  # full, or without a reader
+        """Write without blocking, or not at all."""
+        with suppress(OSError):  # pipe full or closed
             os.write(self._descriptor, text.encode(errors="replace"))
         return len(text)
 
@@ -35,8 +35,8 @@ class WorldOutput(TextIOBase):
 # Output of the servo's process, copied to this program's messages, including `print` in a world.
 
 
-_READ_BYTES = 65536  #: bytes read at once
-_DRAIN_TIMEOUT_S = 0.5  #: for what is still in the pipe when the process has ended [s]
+_READ_BYTES = 65536  #: read at once
+_DRAIN_TIMEOUT_S = 0.5  #: for the remaining output when the process has ended
 
 
 @final
@@ -50,10 +50,10 @@ class OutputReader:
             self._thread.start()
 
     def end(self) -> None:
-        """The process has ended: show the remaining output."""
+        """Show the remaining output after the end of the process."""
         if self._pipe is None:
             return
-        self._thread.join(_DRAIN_TIMEOUT_S)  # a process that a world has started may hold the pipe open
+        self._thread.join(_DRAIN_TIMEOUT_S)  # a process that a world has started may still have the pipe open
         if not self._thread.is_alive():
             self._pipe.close()
 
@@ -64,7 +64,7 @@ class OutputReader:
 
 
 def show(text: str) -> None:
-    """Write `text` to standard error; nowhere if the program has none, or if it was closed or its terminal has
+    """Write `text` to standard error; discard it if there is none, if it was closed, or if its terminal has
     disappeared."""
     if sys.stderr is not None:
         with suppress(OSError, ValueError):  # ValueError: a file object that was closed

@@ -427,7 +427,7 @@ class Serving:
             assert one.process is not None
             watch, hung = HangWatch(one.process.pid), 0.0
             while shared.words[Word.SERVERS + one.number] == Phase.STARTING:
-                hung = watch.look()
+                hung = watch.update()
                 if one.process.poll() is not None or monotonic() > deadline or hung > _HANG_TIMEOUT_S:
                     break
                 sleep(0.002)

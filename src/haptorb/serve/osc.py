@@ -186,7 +186,7 @@ class OscInbox:
         """Read the newest datagrams of each sender, oldest first; and whether more may be queued."""
         found: dict[Sender, deque[Letter]] = {}
         more = False
-        self._times.look()
+        self._times.begin_batch()
         for own in self._own.values():
             more |= self._read_socket(own, _MAX_OWN_READS, found)
         more |= self._read_socket(self._shared, _MAX_SHARED_READS, found)

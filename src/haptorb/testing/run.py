@@ -286,9 +286,9 @@ class _SteppedRun(DeviceRun):
             with self._file.open("wb") as file:
                 recorder = Recorder(file, self._layout, self._rate, 0)
                 for name, values in self._config.notes(self._own.values()).items():
-                    recorder.note(name, values)
+                    recorder.add_metadata(name, values)
                 for change, (tick, text) in enumerate(self._changes):
-                    recorder.note("world", {"change": str(change), "tick": str(tick), "world": text})
+                    recorder.add_metadata("world", {"change": str(change), "tick": str(tick), "world": text})
                 for rows in self._rows:
                     recorder.append(rows)
                 recorder.finish()

@@ -78,7 +78,7 @@ def test_the_kernel_knows_who_waits_for_a_processor(idler: subprocess.Popen[byte
         for _ in range(11):
             time.sleep(0.05)
             for pid, wait in waits.items():
-                found[pid].append(wait.look(time.monotonic_ns()))
+                found[pid].append(wait.update(time.monotonic_ns()))
     finally:
         for one in busy:
             one.kill()
@@ -86,7 +86,7 @@ def test_the_kernel_knows_who_waits_for_a_processor(idler: subprocess.Popen[byte
     assert not any(looks[0] for looks in found.values())
     assert sum(sum(found[one.pid]) for one in busy) > 25, found
     assert sum(found[idler.pid]) < 5, "it sleeps"
-    assert not ProcessorWait(busy[0].pid).look(1), "it is gone"
+    assert not ProcessorWait(busy[0].pid).update(1), "it is gone"
 
 
 @pytest.fixture

@@ -23,18 +23,18 @@ def test_growth_is_told_from_a_hundred_megabytes_on(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(liveness, "resident_memory", lambda pid: next(sizes))
     growth = MemoryGrowth(1)
     assert growth.facts() == {}
-    growth.look(10.0)
-    growth.look(10.5)  # too early
-    growth.look(11.0)
+    growth.update(10.0)
+    growth.update(10.5)  # too early
+    growth.update(11.0)
     assert growth.facts() == {"start": 300.0, "now": 350.0}
     assert growth.warning == ""
-    growth.look(12.0)
-    growth.look(12.1)
+    growth.update(12.0)
+    growth.update(12.1)
     assert "grown by 101 MB" in growth.warning
 
 
 def test_a_servo_says_what_it_holds_and_warns(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(liveness, "_MUCH", -1.0)
+    monkeypatch.setattr(liveness, "_WARN_GROWTH_BYTES", -1.0)
     with fake_servo(record=False).servo as servo:
         servo.run(0.3)
     report = servo.report()

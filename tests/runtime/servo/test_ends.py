@@ -261,16 +261,16 @@ def test_a_program_that_survives_its_signal_has_a_trip_and_engages_again():
 
 def test_a_signal_that_was_caught_does_not_come_again_where_the_heartbeat_is_late(monkeypatch):
     """The thread that looks for signals waits for a processor: what it sees then came before this run."""
-    look = SignalStop.look
+    poll = SignalStop.poll
 
-    def wait_and_look(signals):
+    def wait_and_poll(signals):
         if threading.current_thread() is not threading.main_thread():
             time.sleep(0.1)
-        look(signals)
+        poll(signals)
 
     with Servo("omni", record=False) as servo:
         servo.run(0.2)
-        monkeypatch.setattr(SignalStop, "look", wait_and_look)
+        monkeypatch.setattr(SignalStop, "poll", wait_and_poll)
         time.sleep(0.15)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)

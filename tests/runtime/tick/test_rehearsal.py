@@ -20,7 +20,7 @@ from haptorb.runtime.shared_memory import SharedMemory
 servo = Servo(sys.argv[1], sys.argv[2], record=False)
 shared = SharedMemory.create(servo.layout)
 try:
-    servo_process._rehearse(servo._make_plan(), shared)
+    servo_process._warm_up(servo._make_plan(), shared)
     chain, row = servo._make_plan().assemble(PointerTracker(shared.pointer)), shared.layout.empty()
     kernels = lambda: sum(len(thing.overloads) for thing in gc.get_objects() if isinstance(thing, Dispatcher))
     before, rendered = (kernels(), set(sys.modules)), 0

@@ -104,12 +104,12 @@ def test_a_fault_in_the_background_is_raised_in_the_tick_that_takes_its_result()
             return True
 
     thread = WorkThread()
-    thread.give(Faulty())
+    thread.submit(Faulty())
     end = time.monotonic() + 20.0
     while not thread.done and time.monotonic() < end:
         time.sleep(1e-3)
     with pytest.raises(ValueError, match="out of range"):
-        thread.take()
+        thread.collect()
 
 
 def test_where_no_thread_can_begin_the_work_is_done_at_once(bound: BoundWorld, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -167,7 +167,7 @@ class Emulator:
             if line.startswith(start):
                 return line
 
-    def say(self, command: str) -> None:
+    def send(self, command: str) -> None:
         """Give a command and do not wait. Raises DriverError if the emulator has ended."""
         assert self._process.stdin is not None
         try:
@@ -176,13 +176,13 @@ class Emulator:
         except OSError as cause:
             raise DriverError("the emulator has ended") from cause
 
-    def tell(self, command: str) -> None:
+    def execute(self, command: str) -> None:
         """Give a command and wait until it is done; replies in the meantime are kept.
 
         Raises DriverError if the emulator refuses the command, says nothing for 20 s, or has ended.
         """
         lines: list[str] = []
-        self.say(command)
+        self.send(command)
         while True:
             try:
                 line = self._lines.get(timeout=20.0)
@@ -198,12 +198,12 @@ class Emulator:
 
     def set_pace(self, pace: float = 0.02) -> None:
         """Let firmware time run at `pace` of ours."""
-        self.tell(f"pace {pace}")
+        self.execute(f"pace {pace}")
 
     def wait(self, seconds: float) -> None:
         """Let so much firmware time pass, as fast as this computer can; later it runs at the pace that it had."""
         end = float(self.status()["t"]) + seconds
-        self.tell(f"skip {seconds}")
+        self.execute(f"skip {seconds}")
         while float(self.status()["t"]) < end:
             time.sleep(0.005)
 
@@ -214,7 +214,7 @@ class Emulator:
 
     def status(self) -> dict[str, str]:
         """Counters and state, by name."""
-        self.say("status")
+        self.send("status")
         words = dict(re.findall(r"(\w+)=(\S+)", self.expect_line("@status")))
         self.expect_line("@done")
         return words
@@ -233,7 +233,7 @@ class Emulator:
         """May be called twice."""
         if self._process.poll() is None:
             with suppress(DriverError):
-                self.say("quit")
+                self.send("quit")
             try:
                 self._process.wait(5.0)
             except subprocess.TimeoutExpired:

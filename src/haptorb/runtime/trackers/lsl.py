@@ -142,13 +142,13 @@ class StreamWatch:
         self._where = where
         self._resolver = _library().ContinuousResolver(pred=_compose_query(where), forget_after=_FORGET)
         self._own: dict[str, bool] = {}  # uid → whether it is this account's
-        self._looked = float("-inf")
+        self._polled = float("-inf")
         self.found: list[Any] = []  #: streams of this account, as of the last look
 
-    def look(self) -> list[Any]:
+    def poll(self) -> list[Any]:
         """What is there, at most twice a second anew."""
-        if (now := monotonic()) - self._looked > _RESOLVE_INTERVAL_S:
-            self._looked = now
+        if (now := monotonic()) - self._polled > _RESOLVE_INTERVAL_S:
+            self._polled = now
             known = {str(one.uid()): one for one in self._resolver.results()}
             self._own = {uid: self._own[uid] if uid in self._own else _is_own(one) for uid, one in known.items()}
             own = [one for uid, one in known.items() if self._own[uid]]
@@ -182,9 +182,9 @@ class LslFeed(Feed):
         self._clock, self._other_clock, self._numbers = SenderClock(), SenderClock(), [0.0]
         self._foreign = self._several = ""
 
-    def _look_for_others(self) -> None:
+    def _find_others(self) -> None:
         """Find the stream again if it is lost, and say so if there are several."""
-        found = self._watch.look()
+        found = self._watch.poll()
         if self._inlet is None:  # what was lost is still reported for a while
             found = [one for one in found if str(one.uid()) != self._uid] or found
         self._several = ""
@@ -201,7 +201,7 @@ class LslFeed(Feed):
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """Up to 64 samples; the first is waited for, at most `patience` [s]."""
-        self._look_for_others()
+        self._find_others()
         if self._inlet is None:
             sleep(patience)
             return

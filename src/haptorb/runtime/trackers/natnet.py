@@ -115,7 +115,7 @@ class NatNetFeed(Feed):
             with suppress(OSError):  # the server is gone: silence
                 self._socket.send(_encode_request(_KEEPALIVE))
         select.select([self._socket], [], [], patience)
-        self._times.look()
+        self._times.begin_batch()
         trusted: bool | None = None  # looked up in each batch: another program may have taken the server's port
         for _ in range(_BURST):
             try:

@@ -175,7 +175,7 @@ class OscFeed(Feed):
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
         """What came in up to 256 datagrams; at most `patience` [s] for the first."""
         select.select([self._socket], [], [], patience)
-        self._times.look()
+        self._times.begin_batch()
         known: dict[object, bool] = {}  # sender → whether its messages count; looked up in each batch
         for _ in range(_BURST):
             try:
