@@ -132,7 +132,7 @@ class WorldLoader:
 
 
 _FILE_CHECK_INTERVAL_S = 0.2  #: between two checks of the file
-_SLOW_LOAD_S = 2.0  #: time to load a file and call it once after which a message is printed
+_SLOW_S = 2.0  #: time to load a file and call it once after which a message is printed
 _SETTLING_TIME_S = 0.03  #: time for which a saved file must be unchanged before it is loaded
 
 
@@ -194,7 +194,7 @@ class WorldWatcher:
 
     def _load(self) -> None:
         path = self._file.path.name
-        hint = threading.Timer(_SLOW_LOAD_S, self._explain_wait, [path])
+        hint = threading.Timer(_SLOW_S, self._explain_wait, [path])
         hint.daemon = True
         hint.start()
         try:
@@ -219,7 +219,7 @@ class WorldWatcher:
     def _explain_wait(self, path: str) -> None:
         """Report that the new code does not return, and that nothing else is loaded while it runs."""
         self.trouble = (
-            f"{path} was saved, but has not returned from loading or its first call for {_SLOW_LOAD_S:g} s; the previous "
+            f"{path} was saved, but has not returned from loading or its first call for {_SLOW_S:g} s; the previous "
             "world continues. If it never returns, correct the file and restart"
         )
         if not self._ending.is_set():
