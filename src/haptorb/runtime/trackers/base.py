@@ -1,4 +1,4 @@
-"""Sources of poses: the abstract feed, one class per kind of tracker, and the poses that it receives."""
+"""Base classes of trackers: feeds that receive poses, and trackers that supply a pose or goal in every tick."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class RawPose(NamedTuple):
 
 
 class RejectedPose(NamedTuple):
-    """A message that is not a valid pose; `why` is the name under which it is counted."""
+    """A message that is not a valid pose; `why` is the name of its counter."""
 
     why: str
 
@@ -72,7 +72,7 @@ class Feed(ABC):
 
     @property
     def remark(self) -> str:
-        """What is unusual about its messages, for people; empty if nothing is."""
+        """Remark for the user on unusual messages; empty if there is none."""
         return ""
 
     @abstractmethod
@@ -109,10 +109,10 @@ class TransformedFeed(Feed):
 
     @abstractmethod
     def transform(self, pose: RawPose) -> RawPose:
-        """The pose as it is handed on; an impossible one is left for the filter to refuse."""
+        """Return the transformed pose; an impossible one is passed on unchanged, for the filter to reject."""
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """As the feed receives it, transformed."""
+        """Receive poses from the feed, and transform them."""
         for one in self._feed.receive(patience):
             yield one if isinstance(one, RejectedPose) or not one.valid else self.transform(one)
 
@@ -144,22 +144,21 @@ class FramedFeed(TransformedFeed):
 
 
 # --------------------------------------------------------------------------------------------------
-# Who knows where the tool is: the one interface of every tracker, in two words for the two kinds of device.
+# The interface of every tracker, with one method for simulated and one for real devices.
 #
-# A simulated device has a simulated hand, and the tracker says where that hand wants the tool (`goal`). A real device
-# has a real tool, and the tracker says where it is (`pose`). Both carry the time at which they were so, and both may be
-# unknown: no tracker ever invents one.
+# For a simulated device the tracker supplies the goal of the simulated hand (`goal`), for a real device the pose of the
+# real tool (`pose`). Both have a timestamp, and both may be unknown: no tracker ever invents one.
 
 
 @record
 class Goal:
-    """Where the hand wants the tool, and since when that is known.
+    """Goal of the simulated hand for the tool, with its timestamp.
 
     p      (3,) tool's magnet centre [m], frame S
     q      (4,) quaternion (x, y, z, w) of R_SR
-    stamp  time of this wish on the loop's clock [s]: a pointer that is no longer refreshed grows old
-    held   a person holds the pointer; False: the guided motion
-    still  the guided motion is over, and the hand rests: it gives way to what pushes it
+    stamp  time of the goal on the loop's clock [s]: a pointer that is no longer refreshed ages
+    held   the user holds the pointer; False: the guided motion
+    still  the guided motion is over, and the hand rests: it yields to forces
     """
 
     p: Array
@@ -170,9 +169,9 @@ class Goal:
 
 
 class Tracker(ABC):
-    """What every tracker answers, in every tick: nothing in here waits, opens or asks.
+    """Base class of trackers, which are read in every tick: all methods are non-blocking.
 
-    `origin` is the computer's monotonic time [s] at which the loop's clock showed zero.
+    `origin` is the computer's monotonic time [s] at zero of the loop's clock.
     """
 
     origin: float = 0.0
@@ -187,22 +186,22 @@ class Tracker(ABC):
 
 
 # --------------------------------------------------------------------------------------------------
-# When a sender on another clock measured what it says: its own times, laid onto this computer's clock.
+# Clock synchronisation: converts the timestamps of a sender to this computer's clock.
 #
-# The difference between arrival and the sender's time is the clocks' offset plus the way's delay. The smallest of it
-# over the last seconds is the offset plus the shortest delay, so a pose that came the shortest way is as old as
-# nothing, and one that was held up is as old as it was held up. The shortest delay itself cannot be seen from one end.
+# The difference between arrival and the sender's time is the clocks' offset plus the transport delay. Its minimum
+# over the last seconds is the offset plus the shortest delay, so a pose with the shortest delay has age zero, and a
+# delayed one is as old as its additional delay. The shortest delay itself cannot be measured from one end.
 
 
-RESTART_SILENCE = 0.25  #: after such a silence the sender may have restarted, with another clock [s]
+RESTART_SILENCE = 0.25  #: silence after which the sender may have restarted, with another clock [s]
 
-_COARSEST = 1e-4  #: a number whose resolution is coarser than this is no clock [s]
-_REPEATED = 2  #: different poses with the time of the one before, in succession: it is rounded
-_WINDOW = 10.0  #: clocks drift by 100 µs in a second at the most: a millisecond in this time [s]
+_MAX_RESOLUTION_S = 1e-4  #: coarsest valid resolution of a timestamp
+_MAX_REPEATS = 2  #: successive different poses with the same timestamp that show that it is rounded
+_WINDOW_S = 10.0  #: window of the minimum: clocks drift by 100 µs/s at most, a millisecond in this time
 
 
 def _describe_time(seconds: float) -> str:
-    """`seconds` in a unit that suits it.
+    """Format `seconds` in a suitable unit.
 
     >>> _describe_time(128.0), _describe_time(0.0078125)
     ('128 s', '7.8 ms')
@@ -212,12 +211,12 @@ def _describe_time(seconds: float) -> str:
 
 @final
 class SenderClock:
-    """The least offset over the present window and the one before it.
+    """Estimates a sender's clock offset: the minimum over the current window and the one before it.
 
-    remark   why the sender's times are not used, for people; empty while they are
+    remark   why the sender's times are not used, for the user; empty while they are
 
     >>> clock = SenderClock()
-    >>> clock.stamp(5.000, 100.010), round(clock.stamp(5.010, 100.025), 9)       # the second was held up by 5 ms
+    >>> clock.stamp(5.000, 100.010), round(clock.stamp(5.010, 100.025), 9)       # the second was delayed by 5 ms
     (100.01, 100.02)
     """
 
@@ -229,13 +228,13 @@ class SenderClock:
         self.remark = ""
 
     def stamp(self, sent: float, arrival: float, resolution: float = 0.0, *, changed: bool = False) -> float:
-        """When a pose of the sender's time `sent` [s] was measured, on the clock of `arrival` [s]; never later than it.
+        """Convert the sender's time `sent` [s] of a pose to the clock of `arrival` [s]; never later than it.
 
         resolution  of `sent` as it was transmitted [s]; that of a double is known
         changed     this pose differs from the one before
 
-        Both times must be finite. A time that is coarser than 0.1 ms, or that several different poses in succession
-        have in common, is no clock: the pose was measured when it arrived.
+        Both times must be finite. A time that is coarser than 0.1 ms, or that several successive different poses have
+        in common, is not used: the pose then has the time of its arrival.
         """
         if arrival - self._last > RESTART_SILENCE:
             self._least = self._before = float("inf")
@@ -243,16 +242,16 @@ class SenderClock:
         self._last = arrival
         self._repeated = self._repeated + 1 if changed and sent == self._sent else 0
         self._sent = sent
-        if (coarse := max(resolution, ulp(sent))) > _COARSEST:
+        if (coarse := max(resolution, ulp(sent))) > _MAX_RESOLUTION_S:
             self.remark = f"its times have a resolution of {_describe_time(coarse)}: the time of arrival is used"
-        elif self._repeated >= _REPEATED:
+        elif self._repeated >= _MAX_REPEATS:
             self.remark = "several poses have the same time: the time of arrival is used"
         if self.remark:  # safety: sender-time
             return arrival
         offset = arrival - sent
-        if arrival - self._since > _WINDOW:
+        if arrival - self._since > _WINDOW_S:
             self._before = self._least
             self._least, self._since = offset, arrival
         self._least = min(self._least, offset)
         # safety: stamp-before-arrival
-        return min(sent + min(self._least, self._before), arrival)  # not ahead of it by rounding, either
+        return min(sent + min(self._least, self._before), arrival)  # also not by rounding

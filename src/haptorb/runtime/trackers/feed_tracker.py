@@ -1,4 +1,4 @@
-"""A tracker outside this process: its last pose out of shared memory, carried forward a little, never further."""
+"""Tracker in another process: reads its last pose from shared memory, and extrapolates it for a limited time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NOWHERE = float("-inf")
 
 
 def check_prediction(seconds: float) -> float:
-    """`seconds` itself; InputError if a pose may not be carried forward by so much."""
+    """Return `seconds`; raise InputError if it is not a valid prediction time."""
     if not 0.0 <= seconds <= FARTHEST:
         raise InputError(f"prediction must be from 0 to {1e3 * FARTHEST:g} ms; got {1e3 * seconds:g} ms")
     return float(seconds)
@@ -30,7 +30,7 @@ def check_prediction(seconds: float) -> float:
 
 @kernel
 def _extrapolate(p: Array, q: Array, v: Array, w: Array, ahead: float, out_p: Array, out_q: Array, R: Array) -> None:
-    """Constant velocity for `ahead` [s]; the turn by the exact exponential of w·ahead, stator frame."""
+    """Extrapolate at constant velocity for `ahead` [s]; rotate by the exact exponential of w·ahead, stator frame."""
     for i in range(3):
         out_p[i] = p[i] + v[i] * ahead
     rate = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
@@ -49,11 +49,11 @@ def _extrapolate(p: Array, q: Array, v: Array, w: Array, ahead: float, out_p: Ar
 
 @final
 class FeedTracker(Tracker):
-    """What a tracker's own process wrote into `block`.
+    """Reads the poses that a tracker's own process writes to `block`.
 
-    A valid pose is carried forward with its own velocity to the present, by at most `prediction` [s]; it keeps the time
-    at which it was measured, so that it ages as without prediction. A pose that the tracker has lost
-    stays where it was last and is not valid. `rest` is where a simulated hand waits for the first pose.
+    A valid pose is extrapolated with its own velocity to the present, by at most `prediction` [s]; its timestamp is
+    that of the measurement, so that it ages as without prediction. After a loss the last pose is returned as not valid.
+    `rest` is the pose of a simulated hand before the first pose.
     """
 
     def __init__(self, block: PoseBlock, prediction: float = PREDICTION, *, rest: Array | None = None) -> None:
@@ -66,11 +66,11 @@ class FeedTracker(Tracker):
         self._read_pose(0.0)  # compiled now, and not in the first tick
 
     def _read_pose(self, now: float) -> float:
-        """Bring p, q, R, v and w to `now`; returns the pose's time on the loop's clock, −inf if unknown."""
+        """Update p, q, R, v and w to `now`; return the pose's timestamp on the loop's clock, −inf if unknown."""
         record = self._block.read_pose()
         stamp = record.stamp - self.origin
         age = now - stamp
-        if not (record.valid and age < float("inf")):  # not a number is no age, either
+        if not (record.valid and age < float("inf")):  # also false for NaN
             if not record.valid:
                 self._v = self._w = np.zeros(3)
             return _NOWHERE
@@ -81,12 +81,12 @@ class FeedTracker(Tracker):
         return min(stamp, now)  # safety: prediction-age
 
     def goal(self, now: float) -> Goal:
-        """The hand's goal for the mover; a simulated hand waits at its last goal while the tracker has no pose."""
+        """Goal of the hand for the mover; a simulated hand stays at its last goal while the tracker has no pose."""
         stamp = self._read_pose(now)
         return Goal(self._p, self._q, stamp, True)
 
     def pose(self, now: float) -> Pose:
-        """Where the tool is; not valid before the tracker's first pose and after it lost the tool."""
+        """Pose of the tool; not valid before the tracker's first pose and after it lost the tool."""
         stamp = self._read_pose(now)
         valid = stamp != _NOWHERE
         return Pose(stamp if valid else now, self._R, self._p, self._w, self._v, valid)

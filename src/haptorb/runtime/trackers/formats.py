@@ -1,7 +1,7 @@
-"""Poses as other programs send them: VRChat, VMC, TUIO, Euler angles, other orders and axes, or after a mapping file.
+"""Pose formats of other programs: VRChat, VMC, TUIO, Euler angles, other orders and axes, or by a mapping file.
 
-A format stands behind the tracker: osc:9000,vrchat  osc:39539,vmc/SERIAL  osc:3333,tuio/7  osc:9000,euler-zyx
-osc:9000,mine.toml. Every tracker takes w-first and y-up: lsl:NAME,w-first  natnet:HOST,y-up.
+A format follows the tracker: osc:9000,vrchat  osc:39539,vmc/SERIAL  osc:3333,tuio/7  osc:9000,euler-zyx
+osc:9000,mine.toml. Every tracker accepts w-first and y-up: lsl:NAME,w-first  natnet:HOST,y-up.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ _CONVERSIONS = ("w-first", "y-up")
 
 
 # --------------------------------------------------------------------------------------------------
-# A format: which messages have which numbers, and how these become metres and a quaternion with z up.
+# Description of a format: the numbers of each message, and their conversion to metres and a quaternion with z up.
 
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """Numbers of the messages to one address; `{object}` in it stands for the name of the tracked object.
+    """Layout of the messages to one address, in which `{object}` is replaced by the name of the tracked object.
 
-    values  what each is: x y z qx qy qz qw rx ry rz time valid object skip
+    values  meaning of each value: x y z qx qy qz qw rx ry rz time valid object skip
     """
 
     address: str
@@ -68,17 +68,17 @@ class MessageLayout:
 
 @dataclass(frozen=True)
 class PoseFormat:
-    """How a program sends poses.
+    """Format in which a program sends poses.
 
-    messages  a pose is complete when each of them has come
+    messages  a pose is complete when each of them has been received
     tuio      instead: messages of TUIO 1.1
-    lost      address of a message that says that the tool is lost; "" if there is none
+    lost      address of a message that reports the loss of the tool; "" if there is none
     object    name of the tracked object; "" if there is only one
     unit      length of a position of 1 [m]
     angle     size of an angle of 1 [rad]
     rotation  order of the angles: "zyx" about fixed axes, "ZYX" about the axes of the body
-    axes      which of the sender's axes are x, y and z of the stator: -z is its z reversed
-    origin    position of the stator's origin, as the sender counts
+    axes      the sender's axes that are x, y and z of the stator: -z is its z reversed
+    origin    position of the stator's origin in the sender's coordinates
     """
 
     messages: tuple[MessageLayout, ...] = ()
@@ -98,18 +98,18 @@ class PoseFormat:
 
     @classmethod
     def of(cls, spec: Mapping[str, Any]) -> PoseFormat:
-        """The format of `spec`."""
+        """Make the format from its `spec`."""
         messages = tuple(MessageLayout(one["address"], tuple(one["values"])) for one in spec["messages"])
         return cls(**{**spec, "messages": messages, "axes": tuple(spec["axes"]), "origin": tuple(spec["origin"])})
 
     @property
     def matrix(self) -> Array:
-        """(3, 3) from the sender's axes to the stator's; a reflection from left-handed ones."""
+        """Matrix (3, 3) from the sender's axes to the stator's; a reflection from left-handed ones."""
         return _make_matrix(self.axes)
 
     def convert(self, place: Sequence[float], turn: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Position [m] and quaternion (x, y, z, w) of the stator's frame. place: as sent; turn (3, 3): of its angles
-        or quaternion."""
+        """Convert to position [m] and quaternion (x, y, z, w) in the stator frame. place: as sent; turn (3, 3): matrix
+        of the sent angles or quaternion."""
         M = self.matrix
         p = M @ ((np.asarray(place) - self.origin) * self.unit)
         return tuple(p.tolist()), _find_quaternion(M @ turn @ M.T)
@@ -129,7 +129,7 @@ def _find_quaternion(R: Array) -> tuple[float, ...]:
 
 
 def _turn_of_quaternion(q: Sequence[float]) -> Array:
-    """The rotation matrix of a quaternion (x, y, z, w), which need not have the length 1 exactly."""
+    """Rotation matrix of a quaternion (x, y, z, w), which is normalised."""
     x, y, z, w = q
     R = np.array(
         [
@@ -142,7 +142,7 @@ def _turn_of_quaternion(q: Sequence[float]) -> Array:
     return found
 
 
-#: TUIO and Unity count angles about axes that are theirs; the same formulas hold in left-handed axes
+#: angles of TUIO and Unity are about their own axes; the same formulas hold in left-handed axes
 _VRCHAT = PoseFormat(
     messages=(
         MessageLayout("/tracking/trackers/{object}/position", _POSITION),
@@ -153,11 +153,11 @@ _VRCHAT = PoseFormat(
 _VMC = PoseFormat(messages=(MessageLayout("/VMC/Ext/Tra/Pos", ("object", *_POSITION, *_QUATERNION)),), axes=_UNITY)
 _TUIO = PoseFormat(tuio=True, angle=1.0, rotation="xyz", axes=_SURFACE, origin=(0.5, 0.5, 0.0))
 KNOWN = {"vrchat": _VRCHAT, "vmc": _VMC, "tuio": _TUIO}
-FORMATS = (*KNOWN, *_CONVERSIONS, "euler-zyx", "FILE.toml")  #: as messages list them
+FORMATS = (*KNOWN, *_CONVERSIONS, "euler-zyx", "FILE.toml")  #: as listed in messages
 
 
 def split_format(where: str) -> tuple[str, tuple[str, ...]]:
-    """What stands before the formats, and the formats.
+    """Split a tracker's argument into the part before the formats, and the formats.
 
     >>> split_format("9000,vrchat/1,y-up"), split_format("a, b")
     (('9000', ('vrchat/1', 'y-up')), ('a, b', ()))
@@ -175,7 +175,7 @@ def _is_format(word: str) -> bool:
 
 
 def parse_format(words: Sequence[str]) -> tuple[PoseFormat | None, tuple[str, ...]]:
-    """The format that `words` name, None for haptorb's own, and the conversions besides. Raises InputError."""
+    """Parse `words`: the format, None for haptorb's own, and the conversions. Raises InputError."""
     found: PoseFormat | None = None
     for word in words:
         if word in _CONVERSIONS:
@@ -193,7 +193,7 @@ def parse_format(words: Sequence[str]) -> tuple[PoseFormat | None, tuple[str, ..
 
 
 def _make_euler(order: str) -> PoseFormat:
-    """/haptorb/pose with x y z and three angles in degrees, in the order in which they are sent."""
+    """Make the format of /haptorb/pose with x y z and three angles in degrees, in the order of `order`."""
     if not _ROTATION.fullmatch(order):
         raise UnknownName("order of angles", order, ("zyx", "ZYX", "xyz", "XYZ"))
     angles = tuple(f"r{axis.lower()}" for axis in order)
@@ -203,7 +203,7 @@ def _make_euler(order: str) -> PoseFormat:
 
 
 # --------------------------------------------------------------------------------------------------
-# The mapping file, for programs that send something else.
+# The mapping file, for programs that use another format.
 
 
 def _check_axes(axes: tuple[str, ...]) -> tuple[str, ...]:
@@ -243,7 +243,7 @@ class MessageSection(Section):
 
 
 class MappingFile(Section):
-    """A mapping file: which OSC messages are a pose."""
+    """A mapping file: describes the OSC messages that form a pose."""
 
     format: Annotated[
         Literal["vrchat", "vmc", "tuio"] | None,
@@ -281,7 +281,7 @@ class MappingFile(Section):
 
 
 def load_mapping(path: Path) -> PoseFormat:
-    """The format that the mapping file `path` describes. Raises InputError with all mistakes."""
+    """Read a format from the mapping file `path`. Raises InputError that lists all mistakes."""
     text = read_text(path, "mapping file", InputError)
     try:
         raw = parse_toml(text)
@@ -334,7 +334,7 @@ def _check_complete(found: PoseFormat, path: Path) -> None:
 
 
 class ReadPose(NamedTuple):
-    """What a program says of its object.
+    """Pose of the tracked object as read from messages.
 
     p, q        position [m] and quaternion in the stator's frame; empty if it is lost
     sent        its time of measurement on the sender's clock [s]; None if it has none
@@ -349,32 +349,32 @@ class ReadPose(NamedTuple):
 
 
 class FormatReader(ABC):
-    """Reads the messages of one datagram after the other."""
+    """Parses poses from the messages of successive datagrams."""
 
-    remark = ""  #: why there is no pose, for people; empty if nothing is unusual
+    remark = ""  #: why there is no pose, for the user; empty if there is no problem
 
     @abstractmethod
     def read(self, messages: Iterable[tuple[str, list[Any]]]) -> Iterator[ReadPose | RejectedPose]:
-        """Each pose in `messages` (address, values), or what is none; nothing for messages about something else."""
+        """Yield each pose in `messages` (address, values), or rejected pose; messages on other subjects are ignored."""
 
 
 def make_reader(layout: PoseFormat) -> FormatReader:
-    """What reads poses in this format."""
+    """Make the reader of this format."""
     return TuioReader(layout) if layout.tuio else MappedReader(layout)
 
 
 @dataclass
 class _Known:
-    """What is known of one object since its last pose."""
+    """Values of one object that were received since its last pose."""
 
     numbers: dict[str, float] = field(default_factory=dict)
-    fresh: set[str] = field(default_factory=set)  # addresses that came
+    fresh: set[str] = field(default_factory=set)  # addresses received
     resolution: float = 0.0
 
 
 @final
 class MappedReader(FormatReader):
-    """A pose is complete when every message of `layout` has come for its object."""
+    """Reader of a `layout`: a pose is complete when every message of it was received for its object."""
 
     def __init__(self, layout: PoseFormat) -> None:
         self._layout = layout
@@ -383,7 +383,7 @@ class MappedReader(FormatReader):
         self._other = ""
 
     def read(self, messages: Iterable[tuple[str, list[Any]]]) -> Iterator[ReadPose | RejectedPose]:
-        """Each pose, or what is none."""
+        """Yield each pose, or rejected pose."""
         for address, values in messages:
             if address == self._layout.lost:
                 yield ReadPose((), (), valid=False)
@@ -399,9 +399,9 @@ class MappedReader(FormatReader):
                     )
                 yield RejectedPose("other_message")
                 continue
-            yield from self._take(layout, found.groupdict().get("object", ""), values)
+            yield from self._read_values(layout, found.groupdict().get("object", ""), values)
 
-    def _take(self, layout: MessageLayout, name: str, values: list[Any]) -> Iterator[ReadPose | RejectedPose]:
+    def _read_values(self, layout: MessageLayout, name: str, values: list[Any]) -> Iterator[ReadPose | RejectedPose]:
         if len(values) != len(layout.values):
             self._other = (
                 f"{layout.address} came with {len(values)} values; expected {len(layout.values)}, "
@@ -458,7 +458,7 @@ class MappedReader(FormatReader):
 
     @property
     def remark(self) -> str:  # type: ignore[override]
-        """Which objects there are if none is chosen or the chosen one does not come, or which other message came."""
+        """Remark on the available objects if none or a missing one is chosen, or on an unknown message."""
         named = sorted(name for name in self._objects if name)
         listed = ", ".join(map(quote, named[:8])) + (" and more" if len(named) > 8 else "")
         if not self._layout.object and len(self._objects) > 1:
@@ -476,7 +476,7 @@ def _compile_address(address: str) -> re.Pattern[str]:
 
 
 def _turn_of_angles(layout: PoseFormat, angles: Sequence[float]) -> Array:
-    """The rotation of the angles rx, ry, rz in the layout's order."""
+    """Rotation matrix of the angles rx, ry, rz in the layout's order."""
     from scipy.spatial.transform import Rotation
 
     about = dict(zip("xyz", angles, strict=True))
@@ -487,9 +487,9 @@ def _turn_of_angles(layout: PoseFormat, angles: Sequence[float]) -> Array:
 
 @final
 class TuioReader(FormatReader):
-    """An object of TUIO 1.1: 2Dobj (x y a), 25Dobj (x y z a) or 3Dobj (x y z a b c), by its class id.
+    """Reader of an object of TUIO 1.1: 2Dobj (x y a), 25Dobj (x y z a) or 3Dobj (x y z a b c), by its class id.
 
-    A frame that lists the object as alive without its values says that it did not move: it is a pose of this moment.
+    A frame that lists the object as alive without its values means that it did not move: the last pose is current.
     """
 
     #: address → values of a `set` after session and class id that are used: place, then angles
@@ -502,7 +502,7 @@ class TuioReader(FormatReader):
         self._other = ""
 
     def read(self, messages: Iterable[tuple[str, list[Any]]]) -> Iterator[ReadPose | RejectedPose]:
-        """The pose of the object in one frame."""
+        """Yield the pose of the object in one frame."""
         alive: set[int] | None = None
         pose: ReadPose | RejectedPose | None = None
         other = True
@@ -525,7 +525,7 @@ class TuioReader(FormatReader):
         elif isinstance(pose, RejectedPose):
             yield pose
         elif alive is not None or pose is not None:
-            yield self._say(pose)
+            yield self._report(pose)
 
     def _set(
         self, layout: tuple[int, int], session: int, kind: int, numbers: list[Any]
@@ -544,7 +544,7 @@ class TuioReader(FormatReader):
         angles = used[count:] if turns == 3 else [0.0, 0.0, used[count]]
         return ReadPose(*self._layout.convert(place, _turn_of_angles(self._layout, angles)))
 
-    def _say(self, pose: ReadPose | None) -> ReadPose:
+    def _report(self, pose: ReadPose | None) -> ReadPose:
         kinds = {
             kind for kind in self._sessions.values() if not self._layout.object or str(kind) == self._layout.object
         }
@@ -556,7 +556,7 @@ class TuioReader(FormatReader):
 
     @property
     def remark(self) -> str:  # type: ignore[override]
-        """Which objects there are if none is chosen or the chosen one is not on the surface."""
+        """Remark on the available objects if none is chosen or the chosen one is not on the surface."""
         kinds = sorted(set(self._sessions.values()))
         listed = ", ".join(map(str, kinds[:8]))
         if not self._layout.object and len(kinds) > 1:
@@ -572,8 +572,8 @@ class TuioReader(FormatReader):
 
 @final
 class ConvertedFeed(TransformedFeed):
-    """A feed whose quaternions come with w first, or whose y axis is up; a pose that cannot be converted is left as it
-    is, for the filter to refuse."""
+    """Converts a feed with quaternions with w first, or with its y axis up; a pose that cannot be converted is passed
+    on unchanged, for the filter to reject."""
 
     def __init__(self, feed: Feed, conversions: Sequence[str]) -> None:
         super().__init__(feed)
@@ -581,7 +581,7 @@ class ConvertedFeed(TransformedFeed):
         self._format = PoseFormat(axes=_Y_UP) if "y-up" in conversions else None
 
     def transform(self, pose: RawPose) -> RawPose:
-        """The pose in haptorb's order and axes."""
+        """Return the pose in haptorb's order and axes."""
         if len(pose.p) != 3 or len(pose.q) != 4:
             return pose
         p: tuple[float, ...] = pose.p

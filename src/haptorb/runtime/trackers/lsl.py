@@ -1,8 +1,8 @@
-"""Poses as a stream of the lab streaming layer: seven channels, x y z qx qy qz qw, and perhaps an eighth, valid.
+"""Poses as a stream of the lab streaming layer (LSL): seven channels, x y z qx qy qz qw, and optionally valid.
 
-The layer's clock is this computer's monotonic clock in every program that runs on it. The layer knows no token and
-finds streams by calling into the network; so only streams of this computer are asked for, and only those of this
-account are used. Several streams may have one name: lsl:NAME/SOURCE, with the source id or uid of one, chooses it;
+The layer's clock is this computer's monotonic clock in every program that runs on it. The layer has no tokens and
+finds streams by multicast; so only streams of this computer are resolved, and only those of this
+account are used. Several streams may have one name: lsl:NAME/SOURCE, with the source id or uid of one, selects it;
 without it, none of them is used.
 """
 
@@ -22,9 +22,9 @@ from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClo
 
 __all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "StreamWatch", "lsl_stream", "name_source"]
 
-CHANNELS = (7, 8)  #: that a stream of poses may have
+CHANNELS = (7, 8)  #: valid channel counts of a stream of poses
 
-#: Nothing is asked of, or answered to, another computer.
+#: Restricts the layer to this computer: no queries to, or answers for, another one.
 THIS_COMPUTER = """
 [multicast]
 ResolveScope = machine
@@ -38,14 +38,14 @@ KnownPeers = {127.0.0.1}
 level = -2
 """
 
-_SEARCH = 3.0  #: how long a stream is looked for [s]
-_OTHERS = 1.6  #: and how long, once there is one, others of the same name answer: two of the layer's calls [s]
-_RESOLVE_INTERVAL_S = 0.5  #: between two looks at what was found meanwhile [s]
-_FORGET = 2.0  #: a stream that no longer answers is forgotten after [s]
-_MAX_STREAMS = 64  #: streams of one name that are looked at
-_CONNECT = 2.0  #: longest wait for its data [s]
-_OLDEST = 1.0  #: a sample whose time is farther from its arrival is stamped on another clock [s]
-_AT_ONCE = 64  #: samples taken before the pose is written again
+_SEARCH_TIMEOUT_S = 3.0  #: longest search for a stream
+_OTHERS_TIMEOUT_S = 1.6  #: longest search for others of the same name after the first: two of the layer's queries
+_RESOLVE_INTERVAL_S = 0.5  #: between two reads of the resolver's results
+_FORGET_AFTER_S = 2.0  #: time after which the resolver drops a stream that no longer answers
+_MAX_STREAMS = 64  #: streams of one name that are considered
+_CONNECT_TIMEOUT_S = 2.0  #: longest wait for its data
+_MAX_AGE_S = 1.0  #: largest difference of timestamp and arrival of a sample that is stamped on this computer's clock
+_MAX_BATCH = 64  #: most samples read in one batch
 
 
 def _library() -> Any:
@@ -67,7 +67,7 @@ def _is_own(stream: Any) -> bool:
 
 
 def _compose_query(where: str) -> str:
-    """Streams that `where`, NAME or NAME/SOURCE, may mean, as the layer's predicate."""
+    """Compose the layer's predicate for streams that match `where`, NAME or NAME/SOURCE."""
     name, _, source = where.rpartition("/")
     quote = '"' if "'" in where else "'"
     if quote in where:
@@ -80,13 +80,13 @@ def _compose_query(where: str) -> str:
 
 
 def _select_streams(found: list[Any], where: str) -> list[Any]:
-    """Those of this account that `where` means: by their whole name or, if none has it, by name and source."""
+    """Select those of this account that match `where`: by their whole name or, if none has it, by name and source."""
     own = [one for one in found if _is_own(one)]  # safety: stream-account
     return [one for one in own if one.name() == where] or own
 
 
 def _describe_streams(found: list[Any]) -> str:
-    """Source and port of each, as a person can choose and find it."""
+    """List source and port of each, for the user to choose."""
     return ", ".join(
         f"'{name_source(one, found)}' (host {one.hostname()}, "
         f"port {ElementTree.fromstring(one.as_xml()).findtext('v4data_port')})"
@@ -95,20 +95,20 @@ def _describe_streams(found: list[Any]) -> str:
 
 
 def name_source(stream: Any, found: list[Any]) -> str:
-    """What stands for `stream` behind NAME/: its source id, or its uid if others of `found` have the same."""
+    """Identifier of `stream` for NAME/SOURCE: its source id, or its uid if others of `found` have the same."""
     source = str(stream.source_id())
     alike = sum(one.source_id() == source for one in found)
     return source if source and alike == 1 else str(stream.uid())
 
 
-def lsl_stream(where: str, search: float = _SEARCH) -> Any:
-    """The one stream that `where` means, NAME or NAME/SOURCE; DriverError if there is none or if there are several, or
-    if it holds no poses."""
+def lsl_stream(where: str, search: float = _SEARCH_TIMEOUT_S) -> Any:
+    """Find the stream `where`, NAME or NAME/SOURCE; DriverError if there is none, if there are several, or if it does
+    not contain poses."""
     pylsl = _library()
     query = _compose_query(where)
     known = pylsl.resolve_bypred(query, 1, search)
-    if known:  # the first that answers need not be the only one
-        known = pylsl.resolve_bypred(query, _MAX_STREAMS, _OTHERS)
+    if known:  # others may answer later
+        known = pylsl.resolve_bypred(query, _MAX_STREAMS, _OTHERS_TIMEOUT_S)
     found = _select_streams(known, where)
     if known and not found:
         raise DriverError(
@@ -136,17 +136,17 @@ def lsl_stream(where: str, search: float = _SEARCH) -> Any:
 
 @final
 class StreamWatch:
-    """Keeps resolving what `where` means, in the layer's own thread: which streams there are now."""
+    """Resolves `where` continuously, in the layer's own thread."""
 
     def __init__(self, where: str) -> None:
         self._where = where
-        self._resolver = _library().ContinuousResolver(pred=_compose_query(where), forget_after=_FORGET)
+        self._resolver = _library().ContinuousResolver(pred=_compose_query(where), forget_after=_FORGET_AFTER_S)
         self._own: dict[str, bool] = {}  # uid → whether it is this account's
         self._polled = float("-inf")
-        self.found: list[Any] = []  #: streams of this account, as of the last look
+        self.found: list[Any] = []  #: streams of this account at the last poll
 
     def poll(self) -> list[Any]:
-        """What is there, at most twice a second anew."""
+        """Return the available streams, updated at most twice a second."""
         if (now := monotonic()) - self._polled > _RESOLVE_INTERVAL_S:
             self._polled = now
             known = {str(one.uid()): one for one in self._resolver.results()}
@@ -157,11 +157,11 @@ class StreamWatch:
 
 
 def _open_inlet(stream: Any) -> Any:
-    """A connection to `stream`. Raises DriverError if it ended, or passed to another account, meanwhile."""
+    """Connect to `stream`. Raises DriverError if it ended, or passed to another account, meanwhile."""
     pylsl = _library()
     inlet = pylsl.StreamInlet(stream, max_buflen=1, recover=False)
     try:
-        inlet.open_stream(timeout=_CONNECT)
+        inlet.open_stream(timeout=_CONNECT_TIMEOUT_S)
     except Exception as cause:
         raise DriverError(f"tracker lsl: stream '{stream.name()}' has ended; start its program again") from cause
     if not _is_own(stream):
@@ -172,8 +172,10 @@ def _open_inlet(stream: Any) -> Any:
 
 @final
 class LslFeed(Feed):
-    """Reads the stream `where`, NAME or NAME/SOURCE, and looks for it again when its program has ended: the layer's own
-    search would take another account's. It takes one that is the only one of its name, as at the start."""
+    """Receives poses from the stream `where`, NAME or NAME/SOURCE; searches for it again when its program has ended.
+
+    The layer's own recovery would accept another account's stream. It must be the only one of its name.
+    """
 
     def __init__(self, where: str) -> None:
         stream = lsl_stream(where)
@@ -183,9 +185,9 @@ class LslFeed(Feed):
         self._foreign = self._several = ""
 
     def _find_others(self) -> None:
-        """Find the stream again if it is lost, and say so if there are several."""
+        """Find the stream again if it is lost, and set the remark if there are several."""
         found = self._watch.poll()
-        if self._inlet is None:  # what was lost is still reported for a while
+        if self._inlet is None:  # a lost stream stays in the results for a while
             found = [one for one in found if str(one.uid()) != self._uid] or found
         self._several = ""
         if len(found) > 1:
@@ -200,15 +202,15 @@ class LslFeed(Feed):
                 self._clock, self._other_clock, self._foreign = SenderClock(), SenderClock(), ""
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """Up to 64 samples; the first is waited for, at most `patience` [s]."""
+        """Receive up to 64 samples; wait for the first for at most `patience` [s]."""
         self._find_others()
         if self._inlet is None:
             sleep(patience)
             return
-        for _ in range(_AT_ONCE):
+        for _ in range(_MAX_BATCH):
             try:
                 values, sent = self._inlet.pull_sample(timeout=patience)
-            except Exception:  # the stream is lost: silence, which is what the guard expires
+            except Exception:  # the stream is lost: the last pose expires
                 self.close()
                 return
             if values is None:
@@ -223,18 +225,18 @@ class LslFeed(Feed):
 
     @property
     def remark(self) -> str:
-        """That there are several streams, or why the sender's times are not used as they are; empty else."""
+        """Remark that there are several streams, or why the sender's times are not used; empty else."""
         return self._several or self._clock.remark or self._foreign
 
     def _stamp(self, sent: float, arrival: float, numbers: list[float]) -> float:
-        """When a sample was measured [s], on the monotonic clock."""
+        """Time of the measurement of a sample on the monotonic clock [s]."""
         if not isfinite(sent):
             return sent
         changed, self._numbers = numbers != self._numbers, numbers
         self._clock.stamp(sent, arrival, changed=changed)
         if self._clock.remark:
             return arrival
-        if abs(arrival - sent) <= _OLDEST:
+        if abs(arrival - sent) <= _MAX_AGE_S:
             self._foreign = ""
             return min(sent, arrival)
         self._foreign = (
@@ -244,7 +246,7 @@ class LslFeed(Feed):
         return self._other_clock.stamp(sent, arrival)
 
     def close(self) -> None:
-        """Leave the stream."""
+        """Disconnect from the stream."""
         if self._inlet is not None:
             self._inlet.close_stream()
             self._inlet = None

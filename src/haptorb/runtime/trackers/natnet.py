@@ -1,6 +1,6 @@
-"""Poses of one rigid body from a NatNet server (OptiTrack Motive), unicast; only that server's packets are taken.
+"""Poses of one rigid body from a NatNet server (OptiTrack Motive), unicast; only that server's packets are accepted.
 
-The package `natnet` decodes; the socket is our own, so that it listens on the one address that faces the server.
+The package `natnet` decodes; the socket is our own, so that it listens only on the address that faces the server.
 Motive must use the stator frame: its ground plane's origin in the device's centre, z up, the body's pivot in the tool's
 magnet.
 """
@@ -23,13 +23,13 @@ from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClo
 
 __all__ = ["PORT", "NatNetFeed", "natnet_socket"]
 
-PORT = 1510  #: where a NatNet server takes commands
+PORT = 1510  #: command port of a NatNet server
 
 _CONNECT, _INFO, _FRAME, _KEEPALIVE = 0, 1, 7, 10
-_ANSWER = 2.0  #: longest wait for a server [s]
-_ALIVE = 0.5  #: between two signs of life that the server wants [s]
+_TIMEOUT_S = 2.0  #: for a server's response
+_KEEP_ALIVE_INTERVAL_S = 0.5  #: between two keep-alive messages to the server
 _BURST = 64
-_DOUBLE_TIME = (2, 7)  #: the protocol whose frames first had their time as a double
+_DOUBLE_TIME = (2, 7)  #: first protocol version whose frames have their time as a double
 
 
 def _encode_request(kind: int, text: bytes = b"") -> bytes:
@@ -37,21 +37,21 @@ def _encode_request(kind: int, text: bytes = b"") -> bytes:
 
 
 def _is_trusted(connected: socket.socket) -> bool:
-    """Whether the other end of `connected` is a program of this account, or of another computer."""
+    """Whether the peer of `connected` is a program of this account, or of another computer."""
     host, port = connected.getpeername()[:2]
     here = ipaddress.ip_address(host).is_loopback or connected.getsockname()[0] == host
     return not here or is_own_account(UdpOwners().find(host, port))
 
 
-def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple[socket.socket, tuple[int, ...]]:
-    """A socket that a NatNet server at `host` has answered, and its protocol's version; DriverError if none does."""
+def natnet_socket(host: str, port: int = PORT, answer: float = _TIMEOUT_S) -> tuple[socket.socket, tuple[int, ...]]:
+    """Connect to the NatNet server at `host`; return socket and protocol version. DriverError without a response."""
     from natnet.packet_buffer import PacketBuffer
     from natnet.server_info import ServerInfo
     from natnet.version import Version
 
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        opened.connect((host, port))  # the kernel then drops what others send
+        opened.connect((host, port))  # the kernel then drops packets of others
         end = monotonic() + answer
         while (left := end - monotonic()) > 0:
             opened.send(_encode_request(_CONNECT, b"Ping"))
@@ -71,7 +71,7 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
                 break
             except DriverError:
                 raise
-            except Exception:  # no server's words
+            except Exception:  # not a server's response
                 continue
         raise DriverError(
             f"tracker natnet: no NatNet server responds at {host}, UDP port {port}; switch on streaming (unicast) in "
@@ -89,7 +89,7 @@ def natnet_socket(host: str, port: int = PORT, answer: float = _ANSWER) -> tuple
 
 @final
 class NatNetFeed(Feed):
-    """Rigid body `body` (its streaming id; 0: the only one) through an answered socket."""
+    """Receives the rigid body `body` (its streaming id; 0: the only one) through a connected socket."""
 
     def __init__(self, connected: socket.socket, version: tuple[int, ...], body: int = 0) -> None:
         from natnet.data_frame import DataFrame
@@ -109,14 +109,14 @@ class NatNetFeed(Feed):
         self._alive = float("-inf")
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """What came in up to 64 packets; at most `patience` [s] for the first."""
-        if monotonic() - self._alive > _ALIVE:
+        """Receive up to 64 packets; wait for the first for at most `patience` [s]."""
+        if monotonic() - self._alive > _KEEP_ALIVE_INTERVAL_S:
             self._alive = monotonic()
-            with suppress(OSError):  # the server is gone: silence
+            with suppress(OSError):  # the server has ended: no more packets
                 self._socket.send(_encode_request(_KEEPALIVE))
         select.select([self._socket], [], [], patience)
         self._times.begin_batch()
-        trusted: bool | None = None  # looked up in each batch: another program may have taken the server's port
+        trusted: bool | None = None  # checked in each batch: another program may have taken over the server's port
         for _ in range(_BURST):
             try:
                 data, notes, *_ = self._socket.recvmsg(65535, DatagramTimes.room)
@@ -132,7 +132,7 @@ class NatNetFeed(Feed):
                 yield self.read(data, self._times.find(notes))
 
     def read(self, data: bytes, arrival: float) -> RawPose | RejectedPose:
-        """What one frame says of the body; a frame without it says that it is lost."""
+        """Parse the body's pose in one frame; a frame without it means that it is lost."""
         try:
             frame = self._frame.read_from_buffer(self._buffer(data[4:]), self._version)
             bodies = [one for one in frame.rigid_bodies if self._body in (0, one.id_num)]
@@ -145,11 +145,11 @@ class NatNetFeed(Feed):
             return RawPose(
                 tuple(float(x) for x in bodies[0].pos), tuple(float(x) for x in bodies[0].rot), stamp, arrival
             )
-        except Exception:  # a parser's failure on bytes that any program may send
+        except Exception:  # a parser's failure on untrusted bytes
             return RejectedPose("garbage")
 
     def _explain(self, known: list[int], bodies: list[Any]) -> str:
-        """Why a frame with the rigid bodies `known` has no pose; empty if `bodies` is one that is tracked."""
+        """Explain why a frame with the rigid bodies `known` has no pose; empty if `bodies` is one that is tracked."""
         if not known:
             return "the server streams no rigid body"
         listed = ", ".join(map(str, known))
@@ -161,7 +161,7 @@ class NatNetFeed(Feed):
 
     @property
     def remark(self) -> str:
-        """Why there is no pose of the body, or why the server's times are not used; empty if nothing is unusual."""
+        """Remark why there is no pose of the body, or why the server's times are not used; else empty."""
         return self._missing or self._clock.remark
 
     def close(self) -> None:

@@ -1,15 +1,15 @@
-"""Poses as OSC messages over UDP: the documented layout, a socket of its own, a token beyond this computer.
+"""Poses as OSC messages over UDP; senders on other computers need a token.
 
     /haptorb/pose  [token]  x y z  qx qy qz qw  [t]
     /haptorb/lost  [token]  [t]
 
 Metres and a unit quaternion in the stator frame, as floats, doubles or integers; t [s] on the sender's own clock, as a
-double: a 4-byte float that is coarser than 0.1 ms is no clock, and the pose then counts from its arrival.
-Poses of two programs make no path of one tool, so only the first sender counts: another one counts only when the
-first was silent for two seconds, and then the pose counts as lost first.
+double: a 4-byte float that is coarser than 0.1 ms is not used, and the pose then has the time of its arrival.
+Poses of two programs are not the path of one tool, so only the first sender is accepted: another one is accepted only
+when the first was silent for two seconds, and then the pose first counts as lost.
 
-On loopback, where a token is not needed, only programs of the account count that runs the servo. A message counts from
-its arrival at the socket, not from when it is read.
+On loopback, where a token is not needed, only programs of the account that runs the servo are accepted. A message is
+dated by its arrival at the socket, not by the time of reading.
 """
 
 from __future__ import annotations
@@ -34,37 +34,37 @@ __all__ = ["LOST", "POSE", "OscFeed", "Single", "loopback", "osc_socket", "read_
 
 
 # --------------------------------------------------------------------------------------------------
-# The messages of an OSC packet that anybody may have sent: a message, or a bundle of messages and bundles.
+# Parsing of untrusted OSC packets: a message, or a bundle of messages and bundles.
 #
-# python-osc reads the messages. It is not given bundles: a negative size in one keeps its reader in an endless loop
+# python-osc parses the messages, but not the bundles: a negative size in one causes an endless loop in its parser
 # (python-osc 1.10.2).
 
 
 _BUNDLE = b"#bundle\x00"
 _HEAD = 16  #: "#bundle" and the time tag [bytes]
-_DEPTH = 4  #: bundles within bundles
-_TYPES = frozenset(b",ihfdsTFN")  #: that messages may have; python-osc logs each one that it does not know
+_MAX_DEPTH = 4  #: maximum nesting of bundles
+_TYPES = frozenset(b",ihfdsTFN")  #: accepted type tags; python-osc logs each one that it does not know
 
 
 class Single(float):
-    """A number that was sent with 4 bytes: seven digits, so that a large one tells no milliseconds."""
+    """A single-precision number: seven digits, so that a large one does not resolve milliseconds."""
 
     @property
     def resolution(self) -> float:
-        """Distance to the next number that could have been sent."""
+        """Distance to the next single-precision number."""
         return float(np.spacing(np.float32(abs(self))))
 
 
-def read_packet(data: bytes, depth: int = _DEPTH) -> list[tuple[str, list[Any]]]:
-    """(address, values) of each message in `data`, in order, regardless of the time tags of bundles.
+def read_packet(data: bytes, depth: int = _MAX_DEPTH) -> list[tuple[str, list[Any]]]:
+    """Parse the messages (address, values) in `data`, in order, regardless of the time tags of bundles.
 
-    Raises InputError if `data` is no OSC packet, or has more than `depth` bundles within each other; then none of its
-    messages counts.
+    Raises InputError if `data` is no OSC packet, or has more than `depth` nested bundles; then all of its messages are
+    rejected.
 
     >>> read_packet(b"/a\\0\\0,i\\0\\0\\0\\0\\0\\x07")
     [('/a', [7])]
     """
-    # Here, so that only who uses OSC needs its package.
+    # Imported here, so that only users of OSC need its package.
     from pythonosc.osc_message import OscMessage
 
     if data.startswith(_BUNDLE):
@@ -84,13 +84,13 @@ def _read_message(parse: Callable[[bytes], Any], data: bytes) -> tuple[str, list
         return message.address, [
             Single(value) if tag == ord("f") else value for tag, value in zip(tags, message.params, strict=True)
         ]
-    except Exception as cause:  # a parser's failure on bytes that any program may send
+    except Exception as cause:  # a parser's failure on untrusted bytes
         raise InputError(f"an OSC message cannot be read: {cause}") from cause
 
 
 def _read_bundle(data: bytes, depth: int) -> list[tuple[str, list[Any]]]:
     if depth <= 0:
-        raise InputError(f"an OSC packet has at most {_DEPTH} bundles within each other")
+        raise InputError(f"an OSC packet has at most {_MAX_DEPTH} bundles within each other")
     if len(data) < _HEAD:
         raise InputError(f"an OSC bundle has at least {_HEAD} bytes; got {len(data)}")
     found, at = [], _HEAD
@@ -109,11 +109,11 @@ def _read_bundle(data: bytes, depth: int) -> list[tuple[str, list[Any]]]:
 POSE, LOST = "/haptorb/pose", "/haptorb/lost"
 
 _LAYOUT = f"expected {POSE} with x y z qx qy qz qw and perhaps t"
-_MAX_MESSAGE_BYTES = 1024  #: no message of the layout is longer; what is, is not even parsed [bytes]
-_MAX_BUNDLE_BYTES = 8192  #: of another program's, which may tell of many objects [bytes]
-_BURST = 256  #: datagrams taken at once before the pose is written again
-_SILENT = 2.0  #: a sender that says nothing for so long may be replaced [s]
-_LOST = 0.05  #: so long the pose is lost in between: some ticks of any loop must see it [s]
+_MAX_MESSAGE_BYTES = 1024  #: no message of the layout is longer; longer ones are rejected unparsed
+_MAX_BUNDLE_BYTES = 8192  #: of another program's format, which may contain many objects
+_MAX_BATCH = 256  #: most datagrams read in one batch
+_SENDER_TIMEOUT_S = 2.0  #: silence after which another sender is accepted
+_LOST_TIME_S = 0.05  #: time for which the pose is lost at a change of sender: some ticks of any loop must see it
 
 
 def loopback(host: str) -> bool:
@@ -129,7 +129,7 @@ def loopback(host: str) -> bool:
 
 
 def osc_socket(host: str, port: int) -> socket.socket:
-    """A UDP socket bound to `host` and `port`; DriverError if it is taken, not allowed or not this computer's."""
+    """Open a UDP socket on `host` and `port`; DriverError if it is in use, not permitted or not this computer's."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except OSError as cause:
@@ -150,8 +150,8 @@ def osc_socket(host: str, port: int) -> socket.socket:
 
 @final
 class OscFeed(Feed):
-    """Listens on an open socket. With a `token`, messages that do not begin with it are a stranger's. With a `reader`,
-    poses come in its format instead of the layout above."""
+    """Receives poses on an open socket. With a `token`, messages that do not begin with it are rejected. With a
+    `reader`, poses are in its format instead of the layout above."""
 
     def __init__(self, listening: socket.socket, token: str = "", reader: FormatReader | None = None) -> None:
         self._socket = listening
@@ -162,27 +162,27 @@ class OscFeed(Feed):
         self._reader, self._longest = reader, _MAX_MESSAGE_BYTES if reader is None else _MAX_BUNDLE_BYTES
         self._clock = SenderClock()
         self._numbers: list[float] = []  # of the pose before
-        self._other = ""  # the first message that is none of the layout
+        self._other = ""  # the first message with another layout
         self._sender: object = None
-        self._spoke = float("-inf")  # when it last said something of the layout
-        self._heard_from = float("-inf")  # its poses count from then on
+        self._last_message = float("-inf")  # when it last said something of the layout
+        self._accept_from = float("-inf")  # its poses count from then on
 
     @property
     def remark(self) -> str:
-        """Which other message came, or why the sender's times are not used; empty if nothing is unusual."""
+        """Remark on an unknown message, or why the sender's times are not used; else empty."""
         return (self._reader.remark if self._reader else self._other) or self._clock.remark
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """What came in up to 256 datagrams; at most `patience` [s] for the first."""
+        """Receive up to 256 datagrams; wait for the first for at most `patience` [s]."""
         select.select([self._socket], [], [], patience)
         self._times.begin_batch()
-        known: dict[object, bool] = {}  # sender → whether its messages count; looked up in each batch
-        for _ in range(_BURST):
+        known: dict[object, bool] = {}  # sender → whether it is accepted; checked in each batch
+        for _ in range(_MAX_BATCH):
             try:
                 data, notes, _, sender = self._socket.recvmsg(self._longest + 1, DatagramTimes.room)
             except BlockingIOError:
                 return
-            except OSError:  # "port unreachable" in reply to a message that we did not send
+            except OSError:  # "port unreachable", although this socket sends nothing
                 continue
             if sender not in known:
                 known[sender] = bool(self._token) or is_own_account(UdpOwners().find(*sender[:2]))
@@ -192,7 +192,7 @@ class OscFeed(Feed):
             yield from self.read(data, self._times.find(notes), sender)
 
     def read(self, data: bytes, arrival: float, sender: object = "the only one") -> Iterator[RawPose | RejectedPose]:
-        """What one datagram of `sender` (its address and port) says."""
+        """Parse one datagram of `sender` (its address and port)."""
         if len(data) > self._longest:
             yield RejectedPose("garbage")
             return
@@ -232,23 +232,23 @@ class OscFeed(Feed):
         return self._accept(pose, arrival, sender)
 
     def _take_token(self, values: list[object]) -> bool:
-        """Whether a message begins with the token, which is taken out of `values`; true if none is needed."""
+        """Whether a message begins with the token, which is removed from `values`; true if none is required."""
         if self._token:  # safety: sender-token
             tags = values.pop(0) if values else None
             return isinstance(tags, str) and compare_digest(tags.encode("utf-8", "replace"), self._token)
         return True
 
     def _accept(self, pose: ReadPose, arrival: float, sender: object) -> RawPose | RejectedPose:
-        """What `sender` says counts if it is the only one."""
+        """Accept the pose if `sender` is the only one."""
         if sender != self._sender:  # safety: one-sender
-            if arrival - self._spoke <= _SILENT:
+            if arrival - self._last_message <= _SENDER_TIMEOUT_S:
                 return RejectedPose("another_sender")
-            replaced, self._sender, self._spoke = self._sender is not None, sender, arrival
+            replaced, self._sender, self._last_message = self._sender is not None, sender, arrival
             if replaced:
-                self._clock, self._heard_from = SenderClock(), arrival + _LOST
+                self._clock, self._accept_from = SenderClock(), arrival + _LOST_TIME_S
                 return RawPose((), (), arrival, arrival, False)
-        self._spoke = arrival
-        if arrival < self._heard_from:  # safety: sender-replaced
+        self._last_message = arrival
+        if arrival < self._accept_from:  # safety: sender-replaced
             return RejectedPose("another_sender")
         numbers = [*pose.p, *pose.q]
         changed, self._numbers = numbers != self._numbers, numbers

@@ -1,8 +1,8 @@
-"""From the messages of a tracker to valid poses: order, finiteness and plausibility checked, velocity added.
+"""Validation of a tracker's poses: order, finiteness and plausibility; adds velocities.
 
-What is refused is counted under a name, so that a sender's mistake can be found; the last good pose then
-grows old, and the guard knows what to do with that. A pose that has jumped is more than a mistake: either it or the one
-before is wrong, so the tool is lost until the poses agree with each other again.
+Rejected poses are counted by reason, so that a sender's mistake can be found; the last valid pose then ages, and the
+guard handles its expiry. After a jump either that pose or the one before is wrong, so the tool counts as lost until
+successive poses are consistent again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from haptorb.runtime.trackers.registry import has_feed
 __all__ = ["REASONS", "PoseFilter", "describe_missing_pose", "describe_source", "describe_trip"]
 
 
-#: why something was refused, as the report names it
+#: reasons of rejection, as named in the report
 REASONS = {
     "garbage": "not a message of the documented layout",
     "stranger": "without the token",
@@ -37,33 +37,33 @@ REASONS = {
     "jump": "farther from the last pose than a hand can move the tool",
 }
 
-_REACH = 5.0  #: no tool is farther away; one in millimetres seems to be [m]
-_UNIT = 0.1  #: a quaternion's length may be off 1 by this
-_FASTEST = 3.0  #: no hand moves the tool faster, a tracker that jumps does [m/s]
-_SPINNING = 30.0  #: nor does it turn it faster [rad/s]
-_BURST = 0.010  #: poses without a time of their own may have waited, and then come all at once: this far apart [s]
-_STEP = 0.004  #: and with one, by the clocks' comparison [s]
-_AGREED = 0.05  #: after a jump, poses must agree for so long, and at least three of them [s]
-_SMOOTHED = 0.010  #: time constant of the velocities [s]
-_SILENCE = 0.05  #: without a pose for longer is a gap [s]
-_BESIDE = 0.01  #: a tool so near to the centre is beside nothing [m]
-_POSTURE = 1.0  #: a tool that points down for so long is said [s]
-_LENGTH = 2048  #: of intervals and delays, for the percentiles
+_MAX_DISTANCE_M = 5.0  #: largest distance of a tool; a position in millimetres exceeds it
+_MAX_LENGTH_ERROR = 0.1  #: largest deviation of a quaternion's length from 1
+_MAX_SPEED = 3.0  #: speed limit of the tool: faster motion is a jump [m/s]
+_MAX_RATE = 30.0  #: the same for its angular velocity [rad/s]
+_MIN_ARRIVAL_STEP_S = 0.010  #: smallest time between two poses without timestamps, which may arrive in bursts
+_MIN_STAMP_STEP_S = 0.004  #: the same for poses with timestamps, converted between clocks
+_RECOVERY_TIME_S = 0.05  #: after a jump: time for which poses must be consistent, and at least three of them
+_VELOCITY_TIME_CONSTANT_S = 0.010  #: time constant of the velocity filter
+_MAX_INTERVAL_S = 0.05  #: longest time between two poses; a longer one is a gap
+_MIN_BESIDE_M = 0.01  #: distance from the centre below which the position is not checked
+_POSTURE_TIME_S = 1.0  #: time after which an implausible posture is reported
+_LENGTH = 2048  #: number of intervals and delays for the percentiles
 
 
 @final
 class PoseFilter:
-    """Checks what `feed` receives and writes valid poses into `block`."""
+    """Checks the poses of `feed` and writes valid ones to `block`."""
 
     def __init__(self, feed: Feed, block: PoseBlock) -> None:
         self._feed, self._block = feed, block
         self._last: PoseRecord | None = None  # the last valid pose; None after a loss
-        self._arrival = float("-inf")  # of the last message that was in order
+        self._arrival = float("-inf")  # of the last accepted message
         self._stamp = float("-inf")
-        self._doubted: PoseRecord | None = None  # the last pose since a jump, while they do not agree for long enough
-        self._since, self._alike = 0.0, 0  # since when they agree, and how many
+        self._unconfirmed: PoseRecord | None = None  # last pose since a jump, until confirmed
+        self._since, self._alike = 0.0, 0  # start and number of the consistent poses
         self.accepted = 0
-        self.lost = 0  #: how often the tracker said that it lost the tool
+        self.lost = 0  #: losses of the tool that the tracker reported
         self.gaps = 0  #: silences above 50 ms
         self.refused: Counter[str] = Counter()
         self._suspected, self._suspected_since, self._posture = "", 0.0, ""
@@ -71,7 +71,7 @@ class PoseFilter:
         self._delays: deque[float] = deque(maxlen=_LENGTH)
 
     def listen(self, patience: float) -> None:
-        """Take what arrives within `patience` [s]."""
+        """Process the messages that arrive within `patience` [s]."""
         for one in self._feed.receive(patience):
             if isinstance(one, RejectedPose):
                 self.refused[one.why] += 1
@@ -92,38 +92,38 @@ class PoseFilter:
         passed = raw.arrival - self._arrival
         if isfinite(passed):
             self._intervals.append(passed)
-            self.gaps += passed > _SILENCE
+            self.gaps += passed > _MAX_INTERVAL_S
         self._arrival, self._stamp = raw.arrival, raw.stamp
         if not raw.valid:
             self.lost += self._last is not None
-            before, self._last, self._doubted = self._last, None, None
+            before, self._last, self._unconfirmed = self._last, None, None
             if before is not None:
                 self._block.write(before._replace(valid=False, stamp=raw.stamp))  # safety: tool-lost
             return
         p, q = np.array(raw.p, dtype=np.float64), np.array(raw.q, dtype=np.float64)
         pose = PoseRecord(True, p, q / sqrt(float(q @ q)), np.zeros(3), np.zeros(3), raw.stamp)
-        if self._feed.one_tool and self._is_doubtful(pose, _BURST if raw.stamp >= raw.arrival else _STEP):
+        least = _MIN_ARRIVAL_STEP_S if raw.stamp >= raw.arrival else _MIN_STAMP_STEP_S
+        if self._feed.one_tool and self._is_unconfirmed(pose, least):
             self.refused["jump"] += 1
             return
         self.accepted += 1
-        self._look_at_posture(pose)
+        self._check_posture(pose)
         self._delays.append(raw.arrival - raw.stamp)
         self._last = self._add_velocity(pose)
         self._block.write(self._last)
 
-    def _look_at_posture(self, pose: PoseRecord) -> None:
-        """Notice a tool that points down, or lies beside the device, for a second: another convention was taken for
-        ours."""
+    def _check_posture(self, pose: PoseRecord) -> None:
+        """Detect a tool that points down, or is beside the device, for a second: a sign of another pose convention."""
         remark = _explain_posture(pose.p, pose.q) if self._feed.one_tool else ""
         if remark != self._suspected:
             self._suspected, self._suspected_since = remark, pose.stamp
-        self._posture = remark if pose.stamp - self._suspected_since >= _POSTURE else ""
+        self._posture = remark if pose.stamp - self._suspected_since >= _POSTURE_TIME_S else ""
 
-    def _is_doubtful(self, pose: PoseRecord, least: float) -> bool:
-        """Whether `pose` has jumped, or comes after one that has; `least` [s] may be missing between two stamps."""
-        last = self._doubted or self._last
+    def _is_unconfirmed(self, pose: PoseRecord, least: float) -> bool:
+        """Whether `pose` has jumped, or follows one that has; `least` [s]: smallest time between two stamps."""
+        last = self._unconfirmed or self._last
         jumped = last is not None and _is_jump(last, pose, max(pose.stamp - last.stamp, least))
-        if self._doubted is None:
+        if self._unconfirmed is None:
             if not jumped:
                 return False
             assert self._last is not None
@@ -133,26 +133,26 @@ class PoseFilter:
         if jumped:
             self._since, self._alike = pose.stamp, 0
         self._alike += 1
-        self._doubted = pose
-        if self._alike < 3 or pose.stamp - self._since < _AGREED:
+        self._unconfirmed = pose
+        if self._alike < 3 or pose.stamp - self._since < _RECOVERY_TIME_S:
             return True
-        self._doubted = None
+        self._unconfirmed = None
         return False
 
     def _add_velocity(self, pose: PoseRecord) -> PoseRecord:
-        """The pose with the velocities since the one before; none after a loss, a gap or a jump."""
+        """Add the filtered velocities since the pose before; zero after a loss, a gap or a jump."""
         p, q, v, w = pose.p, pose.q, pose.v, pose.w
         last = self._last
-        if last is not None and 0.0 < pose.stamp - last.stamp <= _SILENCE:
+        if last is not None and 0.0 < pose.stamp - last.stamp <= _MAX_INTERVAL_S:
             passed = pose.stamp - last.stamp
             rate, turn = (p - last.p) / passed, _rotation_between(last.q, q) / passed
-            share = 1.0 - exp(-passed / _SMOOTHED)
-            if float(rate @ rate) <= _FASTEST**2 and float(turn @ turn) <= _SPINNING**2:
+            share = 1.0 - exp(-passed / _VELOCITY_TIME_CONSTANT_S)
+            if float(rate @ rate) <= _MAX_SPEED**2 and float(turn @ turn) <= _MAX_RATE**2:
                 v, w = last.v + share * (rate - last.v), last.w + share * (turn - last.w)
         return pose._replace(v=v, w=w)
 
     def facts(self) -> dict[str, Any]:
-        """How well it comes, as plain JSON types; rates and times over the last 2048 poses."""
+        """Statistics of the poses, as plain JSON types; rates and times over the last 2048 poses."""
         intervals, delays = np.array(self._intervals), 1e3 * np.array(self._delays)
         middle = float(np.median(intervals)) if len(intervals) else None
         return {
@@ -168,26 +168,26 @@ class PoseFilter:
 
 
 def _find_fault(raw: RawPose) -> str:
-    """Why the pose cannot be one; nothing if it can."""
+    """Reason to reject the pose; empty if it is valid."""
     if len(raw.p) != 3 or len(raw.q) != 4:
         return "garbage"
     if not isfinite(sum(map(abs, raw.p)) + sum(map(abs, raw.q))):  # safety: pose-finite
         return "not_finite"
-    if sqrt(sum(x * x for x in raw.p)) > _REACH:  # safety: pose-millimetres
+    if sqrt(sum(x * x for x in raw.p)) > _MAX_DISTANCE_M:  # safety: pose-millimetres
         return "too_far"
     length = sqrt(sum(x * x for x in raw.q))
-    return "" if abs(length - 1.0) <= _UNIT else "no_rotation"
+    return "" if abs(length - 1.0) <= _MAX_LENGTH_ERROR else "no_rotation"
 
 
 def _is_jump(before: PoseRecord, pose: PoseRecord, passed: float) -> bool:
-    """Whether no hand could have brought the tool from one pose to the other within `passed` [s]."""
+    """Whether the motion between the poses within `passed` [s] exceeds the speed limits."""
     way, turn = pose.p - before.p, _rotation_between(before.q, pose.q)
     # safety: jump-seen
-    return bool(float(way @ way) > (_FASTEST * passed) ** 2 or float(turn @ turn) > (_SPINNING * passed) ** 2)
+    return bool(float(way @ way) > (_MAX_SPEED * passed) ** 2 or float(turn @ turn) > (_MAX_RATE * passed) ** 2)
 
 
 def _explain_posture(p: Array, q: Array) -> str:
-    """Why a tool at `p` (3,) [m] with the quaternion `q` (4,) is not as people hold one; empty if it is.
+    """Explain why the pose `p` (3,) [m], `q` (4,) of a tool is implausible; empty if it is plausible.
 
     >>> _explain_posture(np.array([0.0, 0.0, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
     'the tool points down: if the quaternion is sent with w first, add ,w-first to the tracker'
@@ -199,13 +199,13 @@ def _explain_posture(p: Array, q: Array) -> str:
         hint = "the quaternion is sent with w first, add ,w-first to" if w_first else "it does not, check the axes of"
         return f"the tool points down: if {hint} the tracker"
     distance = sqrt(float(p @ p))
-    if distance > _BESIDE and float(p[1]) > 0.9 * distance:
+    if distance > _MIN_BESIDE_M and float(p[1]) > 0.9 * distance:
         return "the tool is beside the device, along +y: if y is up where the poses come from, add ,y-up to the tracker"
     return ""
 
 
 def _rotation_between(before: Array, q: Array) -> Array:
-    """(3,) [rad], stator frame: the shortest turn from one unit quaternion to the next, both (x, y, z, w)."""
+    """Rotation vector (3,) [rad], stator frame: the shortest rotation between two unit quaternions (x, y, z, w)."""
     a, b = before, q
     v = np.array(
         [
@@ -227,7 +227,7 @@ def _percentiles(values: Array) -> dict[str, float]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What people read about where poses come from: what is waited for, and what an old or lost pose means there.
+# Messages on the source of poses: missing, expired and lost poses.
 
 
 _POSE = (Trip.POSE_EXPIRED, Trip.POSE_LOST)
@@ -254,7 +254,7 @@ _LOST = {
 
 
 def describe_source(tracker: str) -> str:
-    """Where the poses of `tracker`, as in `--tracker`, come from.
+    """Describe the source of the poses of `tracker`, as in `--tracker`.
 
     >>> describe_source("osc:9109"), describe_source("pointer")
     ('OSC port 9109', 'the pointer')
@@ -277,9 +277,9 @@ def describe_source(tracker: str) -> str:
 
 
 def describe_trip(trip: Trip, tracker: str, facts: Mapping[str, Any] | None = None) -> str:
-    """What happened and what to do, for those whose poses come from `tracker`.
+    """Explain a trip and what to do, for the tracker `tracker`.
 
-    facts   `PoseFilter.facts`: what arrived and was refused is said where poses are missing
+    facts   `PoseFilter.facts`: accepted and rejected poses are stated where poses are missing
 
     >>> describe_trip(Trip.POSE_EXPIRED, "osc:9109")[:58]
     'No new pose arrived in time from OSC port 9109. Check the '
@@ -307,9 +307,9 @@ def describe_trip(trip: Trip, tracker: str, facts: Mapping[str, Any] | None = No
 
 
 def describe_missing_pose(tracker: str, facts: Mapping[str, Any]) -> str:
-    """What is waited for while no pose is valid; empty where poses do not come from outside.
+    """Describe the missing pose while none is valid; empty for a tracker without its own process.
 
-    facts   `PoseFilter.facts`, empty before the tracker's process said anything
+    facts   `PoseFilter.facts`, empty before the first report of the tracker's process
 
     >>> describe_missing_pose("osc:9109", {})
     'waiting for a pose on OSC port 9109: none yet'
@@ -325,7 +325,7 @@ def describe_missing_pose(tracker: str, facts: Mapping[str, Any]) -> str:
 
 
 def _count(facts: Mapping[str, Any]) -> str:
-    """What arrived and what was refused, with the reasons; empty if nothing arrived."""
+    """Counts of accepted and rejected poses, with the reasons; empty if nothing arrived."""
     counts = []
     if accepted := facts.get("accepted", 0):
         counts.append(f"{accepted} accepted")

@@ -1,4 +1,4 @@
-"""From `--tracker` to a feed: names are understood, and everything is there, before anything starts.
+"""Registry of trackers: parses `--tracker` and prepares the feed, before anything starts.
 
 pointer          the console's pointer        hall          the field sensors (the hand follows the pointer)
 osc:PORT         OSC over UDP, this computer  osc:HOST:PORT beyond it, with a token
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 __all__ = ["TOKEN", "TRACKERS", "Preparation", "check_frame", "check_tracker", "feed_of", "has_feed", "prepare_tracker"]
 
-TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but its pose is known from the field only
-TOKEN = "HAPTORB_TRACKER_TOKEN"  #: of the environment: what a sender on another computer must say
+TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but its pose is measured by the field sensors
+TOKEN = "HAPTORB_TRACKER_TOKEN"  #: environment variable with the token for senders on other computers
 
 _FORMS = ("osc:PORT", "osc:HOST:PORT", "lsl:NAME", "replay:FILE", "natnet:HOST")
-_SHORTEST = 16  #: a token that cannot be guessed [characters]
+_MIN_TOKEN_LENGTH = 16  #: minimum length of a token, against guessing
 
 
 def has_feed(name: str) -> bool:
-    """Whether the tracker `name` has a process of its own.
+    """Whether the tracker `name` has its own process.
 
     >>> has_feed("osc:9000"), has_feed("pointer")
     (True, False)
@@ -43,7 +43,7 @@ def has_feed(name: str) -> bool:
 
 
 def check_tracker(name: str, driver: str = "sim") -> str:
-    """`name` itself; UnknownName or InputError if it is none, or none for `driver`. Nothing is opened."""
+    """Return `name`; UnknownName or InputError if it is no tracker, or none for `driver`. Nothing is opened."""
     from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
 
     if not has_feed(name):
@@ -67,7 +67,7 @@ def check_tracker(name: str, driver: str = "sim") -> str:
 
 
 def _check_format(name: str, kind: type[Preparation], words: tuple[str, ...]) -> None:
-    """Raise InputError if `words` are no format, or none for this kind of tracker; a mapping file is read."""
+    """Raise InputError if `words` are not a format for this kind of tracker; reads a mapping file."""
     if kind is _Replay and words:
         raise InputError(f"tracker '{name}': a recording has poses in the stator's frame; leave out {words[0]}")
     from haptorb.runtime.trackers.formats import parse_format
@@ -78,32 +78,32 @@ def _check_format(name: str, kind: type[Preparation], words: tuple[str, ...]) ->
 
 
 class Preparation(ABC):
-    """What a feed needs, found and held before the servo starts.
+    """Resources of a feed, acquired before the servo starts.
 
-    `spec` (plain JSON types) goes to the feed's process, `descriptor` as well: an open socket, −1 if there is none.
+    `spec` (plain JSON types) is passed to the feed's process, as is `descriptor`: an open socket, −1 if there is none.
     """
 
-    token = ""  #: what senders must say first; empty: they need not
+    token = ""  #: token that senders must send first; empty: none
     descriptor = -1
     spec: dict[str, Any]
 
     @abstractmethod
     def __init__(self, where: str) -> None:
-        """Understand what stands behind the colon; InputError says what was expected."""
+        """Parse the text after the colon; InputError states what was expected."""
 
     @abstractmethod
     def make_ready(self) -> None:
-        """Look, open, read; DriverError or RecordingError says what is not there and what to do."""
+        """Acquire the resources; DriverError or RecordingError states what is missing and what to do."""
 
     def close(self) -> None:
-        """The feed's process has what it needs."""
+        """Release the resources once the feed's process has them."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
 
 
 def prepare_tracker(name: str) -> Preparation:
-    """The tracker `name`, ready to start."""
+    """Prepare the tracker `name` for its start."""
     from haptorb.runtime.trackers.formats import parse_format, split_format
 
     kind, _, rest = name.partition(":")
@@ -117,7 +117,7 @@ def prepare_tracker(name: str) -> Preparation:
 
 
 def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
-    """`frame` itself; InputError or CalibrationError if it cannot be that of `tracker` before `device`."""
+    """Return `frame`; InputError or CalibrationError if it is not valid for `tracker` with `device`."""
     from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
 
     if not has_feed(tracker) or tracker.startswith("replay:"):
@@ -134,9 +134,9 @@ def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str =
 
 
 def feed_of(spec: dict[str, Any], descriptor: int, origin: Callable[[], float], frame: str = "") -> Feed:
-    """In the feed's process: the feed itself, behind the text of a `frame` if there is one.
+    """Make the feed, in its process, with a transform by the text of `frame` if there is one.
 
-    `origin` waits until the loop runs and returns the zero of its clock.
+    `origin` waits until the loop runs and returns the origin of its clock.
     """
     feed = _open_feed(spec, descriptor, origin)
     if conversions := spec.get("conversions"):
@@ -182,7 +182,7 @@ def _check_installed(kind: str) -> None:
     try:
         if package:
             __import__(package)
-    except (ImportError, OSError, RuntimeError) as cause:  # pylsl says RuntimeError when its library is missing
+    except (ImportError, OSError, RuntimeError) as cause:  # pylsl raises RuntimeError if its library is missing
         raise DriverError(
             f"tracker {kind} needs a package that is not installed ({cause}): pip install 'haptorb[trackers]'"
         ) from cause
@@ -205,9 +205,9 @@ class _Osc(Preparation):
         from haptorb.runtime.trackers.osc import loopback, osc_socket
 
         if not loopback(self._host):
-            self.token = os.environ.get(TOKEN, "") or secrets.token_urlsafe(_SHORTEST)
-            if len(self.token) < _SHORTEST:
-                raise InputError(f"{TOKEN} must have at least {_SHORTEST} characters; got {len(self.token)}")
+            self.token = os.environ.get(TOKEN, "") or secrets.token_urlsafe(_MIN_TOKEN_LENGTH)
+            if len(self.token) < _MIN_TOKEN_LENGTH:
+                raise InputError(f"{TOKEN} must have at least {_MIN_TOKEN_LENGTH} characters; got {len(self.token)}")
         self.descriptor = osc_socket(self._host, self._port).detach()
         self.spec = {"kind": "osc", "token": self.token}
 

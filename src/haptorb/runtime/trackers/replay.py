@@ -1,7 +1,7 @@
-"""Poses out of a recording, each at its own time on the loop's clock: the same hand once more.
+"""Replays the poses of a recording, each at its own time on the loop's clock.
 
-Of a simulated device the recording knows where the hand wanted the tool, and that is played; of a real one, where the
-tracker saw it. Poses that were measured once and repeated in many ticks are played once; a loss is played as a loss.
+From a simulated device it plays the recorded goal of the hand; from a real one, the poses of its tracker. A pose that
+was measured once and repeated in many ticks is played once; a loss is played as a loss.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 
 __all__ = ["ReplayFeed", "load_poses"]
 
-_SAME = 1e-6  #: two ticks whose poses were measured within this saw the same pose [s]
+_STAMP_TOLERANCE_S = 1e-6  #: largest difference of the timestamps of the same pose in two ticks
 
 
 def load_poses(path: str | Path) -> Array:
-    """(n, 10): time on the loop's clock at which the pose came, when it was measured [s], p (3), q (4), valid.
+    """Load poses (n, 10): time of arrival on the loop's clock, timestamp [s], p (3), q (4), valid.
 
-    Raises RecordingError if the file is none of this version, DriverError if it holds no pose.
+    Raises RecordingError if the file is not of this version, DriverError if it contains no pose.
     """
     recording = Recording(path)
     recording.require("t", "age", "valid", "target", "target_q", "p", "q")
@@ -38,7 +38,7 @@ def load_poses(path: str | Path) -> Array:
     known = valid & whole
     measured = np.where(known, t - np.where(whole, age, 0.0), t)
     new = np.ones(len(t), dtype=bool)
-    new[1:] = (np.abs(np.diff(measured)) > _SAME) & (known[1:] | known[:-1]) | (known[1:] != known[:-1])
+    new[1:] = (np.abs(np.diff(measured)) > _STAMP_TOLERANCE_S) & (known[1:] | known[:-1]) | (known[1:] != known[:-1])
     new &= np.isfinite(t)
     if not (known & new).any():
         raise DriverError(f"tracker replay: {path} holds no valid pose; record one with --record")
@@ -47,7 +47,7 @@ def load_poses(path: str | Path) -> Array:
 
 @final
 class ReplayFeed(Feed):
-    """Plays `rows` of `load_poses` from `origin` on: the monotonic clock [s] at which the loop's clock shows zero."""
+    """Plays `rows` of `load_poses` from `origin` on, the monotonic time [s] at zero of the loop's clock."""
 
     one_tool = False
 
@@ -55,7 +55,7 @@ class ReplayFeed(Feed):
         self._rows, self._origin, self._at = rows, origin, 0
 
     def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """What is due; if nothing is, waits until something is, at most `patience` [s]."""
+        """Yield the poses that are due; wait for the next for at most `patience` [s]."""
         rows = self._rows
         if self._at >= len(rows):
             sleep(patience)
