@@ -484,7 +484,7 @@ class Tick(Stateful):
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
         self.layout = RowLayout.of(device)
-        self._failure: tuple[Trip, BaseException] | None = None  # since the last engage
+        self._failure: tuple[Trip, BaseException] | None = None  # first one since the last engage
         self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
         #: object in the last tick that rendered: share (2,), place (3,), R (3, 3) and contacts
@@ -518,8 +518,8 @@ class Tick(Stateful):
 
     @property
     def error(self) -> str:
-        """What a failed world or driver said, and where in a user's code; empty for other trips. Read it after the
-        tick: to say it takes longer than to switch the coils off."""
+        """Error of a failed world or driver, with its place in user code; empty for other trips. Read it after the
+        tick: composing it takes longer than switching the coils off."""
         return "" if self._failure is None else explain_trip(*self._failure, self.world)
 
     def change_world(self, world: World) -> None:
@@ -536,7 +536,7 @@ class Tick(Stateful):
         fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
-        # A target that was reset is not where a memory has it.
+        # The position of an object that was reset differs from that in a memory.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()
@@ -557,12 +557,12 @@ class Tick(Stateful):
         self._log.record_model(number)
 
     def stop(self) -> None:
-        """A person stopped: coils off, and off until a person engages."""
+        """Stop on a user's request: coils off until `engage`."""
         self._log.record(TickCommand.STOP)
         self.protection.trip(Trip.STOPPED)
 
     def engage(self) -> bool:
-        """Leave OFF or a trip deliberately; False while its reason is still there. Nothing happens while engaged."""
+        """Leave OFF or a trip; return False while its reason persists. No effect while engaged."""
         if self.protection.engaged:
             return True
         self._log.record(TickCommand.ENGAGE)
@@ -582,26 +582,26 @@ class Tick(Stateful):
     def _restart_memory(self, bound: BoundWorld) -> None:
         try:
             bound.restart()
-        except BaseException as cause:  # the user's code: also sys.exit
+        except BaseException as cause:  # user code: also sys.exit
             self._fail(Trip.WORLD_FAILED, cause)
 
     def cool(self) -> None:
-        """Simulated coils at the ambient temperature. Real ones stay as warm as they are, and as the guard knows."""
+        """Set simulated coils and the guard's thermal model to the ambient temperature; no effect on a real device."""
         if self.driver.simulated:  # safety: cool-simulated
             self._log.record(TickCommand.COOL)
             self.driver.cool()
             self.protection.restart_heat()
 
     def excuse_lateness(self) -> None:
-        """The computer woke the loop too late. A simulated device does not trip for that; a real one may."""
+        """Exclude a late wake-up by the computer from the guard's limits on a simulated device; a real one may trip."""
         if self.driver.simulated:  # safety: excuse-simulated
             self._log.record(TickCommand.EXCUSE)
             self.protection.excuse_lateness()
 
     def prepare(self, now: float) -> None:
-        """Let the driver do what it can before the tick at `now` [s]."""
+        """Let the driver do its work before the tick at `now` [s]."""
         t0 = perf_counter()
-        # `read` will say it again, and there it has consequences.
+        # `read` raises it again, and then the tick trips.
         with suppress(HaptorbError):  # safety: preparing-ends-no-loop
             self.driver.prepare(now)
         self._ahead = perf_counter() - t0
@@ -624,7 +624,7 @@ class Tick(Stateful):
         t2 = perf_counter()
         rendered = self._render(estimate)
         t3 = perf_counter()
-        # Modes scale what the hand feels: what a target's world holds is no measure of it.
+        # Modes scale the rendered wrench: the energy of an object's world is then not that of the hand.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
         asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored, self.client)
         allocation = self._allocate(estimate.wrench_map, asked)
@@ -653,7 +653,7 @@ class Tick(Stateful):
             row, places, rendered.share, body.p, body.R_SR, self._object_wrench, rendered.contacts, memory, self._object
         )
         self._object_mode, self._object_engaged = rendered.mode, rendered.engaged
-        cells: Any = row.data  # single numbers, as above
+        cells: Any = row.data  # fast scalar access, as above
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
         cells[mode], cells[engaged] = rendered.mode, rendered.engaged
@@ -672,7 +672,7 @@ class Tick(Stateful):
                 rendered = self.linkage.render(bound, estimate.state)
                 self._log.fail(self.budget.end(bound))
             check_wrench(rendered.wrench)
-            # Copied: in another memory layout a user's array would have the kernels compiled in the middle of a tick.
+            # Copied: a user's array in another memory layout would cause a compilation in the middle of a tick.
             self._rendered[:], self._object_wrench[:] = rendered.wrench, rendered.object_wrench
             if bound is not None and bound.takes_commands:
                 self.linkage.bring_back(bound.commanded, commanded)
@@ -681,7 +681,7 @@ class Tick(Stateful):
             return rendered
         except TickTimeout:
             raise
-        # A world is the user's code: any exception must end in coils off.
+        # A world is user code: any exception must switch the coils off.
         except BaseException as cause:  # safety: world-exit-trips
             reason = Trip.MEMORY_NOT_FINITE if isinstance(cause, MemoryNotFinite) else Trip.WORLD_FAILED
             self._log.fail(TickFailure.MEMORY if reason is Trip.MEMORY_NOT_FINITE else TickFailure.WORLD)
@@ -690,7 +690,7 @@ class Tick(Stateful):
             return self._render_nothing(estimate.state.t)
 
     def _render_nothing(self, t: float) -> RenderedWrench:
-        """No wrench at `t` [s], on what the world acted on last."""
+        """Render no wrench at `t` [s], with the last object."""
         held, still = self._object.copy(), np.zeros(3)
         body = State(t, held[5:14].reshape(3, 3), held[2:5], still, still)
         return RenderedWrench(
@@ -699,19 +699,19 @@ class Tick(Stateful):
         )  # fmt: skip
 
     def state_arrays(self) -> Mapping[str, StateArray]:
-        """What was applied and rendered last [1, N, N·m]; share, place [m], rotation and contacts of what the world
-        acted on; counts and choices. The world's own memory is in the row."""
+        """State: last applied duties and rendered wrench [1, N, N·m]; share, place [m], rotation and contacts of the
+        object; counts and choices. The world's own memory is in the row."""
         return self._kept
 
     def state_parts(self) -> Mapping[str, Stateful]:
-        """All parts of the chain that remember something, in the order in which they are taken over."""
+        """All stateful parts of the chain, in the order in which they are restored."""
         return {
             "protection": self.protection, "part": self.part, "linkage": self.linkage,
             "estimator": self.estimator,
         }  # fmt: skip
 
     def gather_state(self) -> None:
-        """Copy what it holds itself."""
+        """Copy the scalar state to its arrays."""
         self._kept["applied"][:] = self._applied
         cells, bound = self._kept_cells, self._bound
         cells[0], cells[1], cells[2] = self.world_changes, self._model, self._log.scale
@@ -719,7 +719,7 @@ class Tick(Stateful):
         cells[5], cells[6] = (0.0, 0.0) if bound is None else (bound.paused, bound.failed)
 
     def apply_state(self) -> None:
-        """Take it over."""
+        """Restore the scalar state from its arrays."""
         self._applied = self._kept["applied"].copy()
         changes, self._model, scale, mode, engaged, paused, failed = self._kept_cells
         self.world_changes, self._object_mode = choose(changes, 1 << 53), choose(mode, 1 + len(MODES))
@@ -728,7 +728,7 @@ class Tick(Stateful):
             self._bound.paused, self._bound.failed = bool(paused), bool(failed)
 
     def load_memory(self, memory: Array) -> None:
-        """Let the world remember `memory` (n,), as a row has it, in the units of its fields."""
+        """Restore the world's `memory` (n,), as in a row, in the units of its fields."""
         if self._bound is not None:
             self._bound.numbers[:] = memory[: self._bound.numbers.size]
 
@@ -746,7 +746,7 @@ class Tick(Stateful):
         self.protection.trip(reason)
 
     def _switch_off(self, row: Array, now: float) -> None:
-        """When the device does not respond: try to switch off, and record it in the row."""
+        """Switch off when the device does not respond, and record that in the row."""
         try:
             self._applied = self.driver.write(self._zeros)
         except HaptorbError:
@@ -759,28 +759,28 @@ class Tick(Stateful):
 
 
 # --------------------------------------------------------------------------------------------------
-# What the loop drives, as far as the loop must know: the tick's chain, its stop, its driver's close.
+# The interface of the chain that the loop uses.
 
 
 class Joining(Protocol):
-    """The part of a linkage that the loop needs; its commands are noted."""
+    """Commands of the loop to the linkage, which are recorded."""
 
     def set_mode(self, mode: Mode) -> None:
-        """Go over to `mode` without a step."""
+        """Change to `mode` without a step."""
 
     def set_clutch(self, engaged: bool) -> None:
-        """Take hold of the world's object, or let it go, without a step."""
+        """Engage or release the clutch to the world's object, without a step."""
 
     def set_torque_scale(self, scale: float) -> None:
-        """Let the wrench come back `scale` times as strong, without a step."""
+        """Scale the torques by `scale`, without a step."""
 
 
 class Chain(Protocol):
-    """Driver, estimator, world, allocator and guard in one hand; `Tick` is the real one."""
+    """Everything that one control cycle needs: driver, estimator, world, allocator, guard. Implemented by `Tick`."""
 
     @property
     def error(self) -> str:
-        """What a failed world or driver said, and where in a user's code; empty for other trips."""
+        """Error of a failed world or driver, with its place in user code; empty for other trips."""
 
     @property
     def remark(self) -> str:
@@ -788,37 +788,37 @@ class Chain(Protocol):
 
     @property
     def client(self) -> Records:
-        """(1,) CLIENT_FORCE [N, s]: what a program outside the loop commands; the loop fills it before every step."""
+        """(1,) CLIENT_FORCE [N, s]: the command of a client program; the loop fills it before every step."""
 
     @property
     def driver(self) -> Driver:
-        """The door to the device."""
+        """The device driver."""
 
     @property
     def joining(self) -> Joining:
-        """What joins the mover to the world's object."""
+        """The linkage between the mover and the world's object."""
 
     def excuse_lateness(self) -> None:
-        """The next step is late because the computer woke the loop too late, not because a step took too long."""
+        """Report that the next step is late because of a late wake-up, not because a step took too long."""
 
     def prepare(self, now: float) -> None:
-        """The tick at `now` [s] is near: do what need not wait for it."""
+        """Do the work for the tick at `now` [s] that need not wait for its deadline."""
 
     def step(self, row: Array, now: float) -> None:
-        """One tick at `now` [s] on the loop's clock; fills all of `row` (width,) except what the clock knows, each
+        """Run one tick at `now` [s] on the loop's clock; fill all of `row` (width,) except the clock's fields, each
         number in the unit of its field."""
 
     def stop(self) -> None:
-        """A person stopped: coils off in the next step, and off until `engage`."""
+        """Stop on a user's request: coils off from the next step until `engage`."""
 
     def engage(self) -> bool:
-        """After a stop or a trip: begin again, from zero; False while the reason is still there."""
+        """Engage after a stop or a trip, from zero force; return False while the reason persists."""
 
     def cool(self) -> None:
-        """Simulated coils at the ambient temperature, in the next step; nothing happens with a real device."""
+        """Set simulated coils to the ambient temperature in the next step; no effect on a real device."""
 
     def change_model(self, number: int) -> None:
-        """Invert another of the device's models, counted from 0, from the next step on; the force goes over smoothly.
+        """Invert another of the device's models, counted from 0, from the next step on; the force changes smoothly.
         Raises InputError if the estimator cannot."""
 
     def replace_world(self, world: World) -> None:
@@ -832,4 +832,4 @@ class Chain(Protocol):
 # One tick of the loop: read, estimate, world, allocate, guard, write; and the row that it fills.
 
 
-load_compiler()  # now: no tick waits for the compiler to be loaded
+load_compiler()  # at import, so that no tick waits for it

@@ -26,7 +26,7 @@ from haptorb.runtime.trackers.registry import feed_of
 
 __all__ = ["main"]
 
-load_compiler()  # now: no pose waits for the compiler to be loaded
+load_compiler()  # at import, so that no pose waits for it
 
 _POLL_TIMEOUT_S = 0.05  #: longest wait for a pose before the check whether to end
 _REPORT_INTERVAL_S = 0.25  #: between two reports

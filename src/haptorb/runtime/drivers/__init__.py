@@ -2,4 +2,4 @@
 
 from haptorb.compiled import load_compiler
 
-load_compiler()  # now: no device waits for the compiler to be loaded
+load_compiler()  # at import, so that no device waits for it

@@ -163,7 +163,7 @@ class Driver(ABC):
         return False
 
     def engage(self) -> None:
-        """Clear a trip that the hardware latched, because a person engages; no current flows before the next `write`.
+        """Clear a trip that the hardware latched, when the user engages; no current flows before the next `write`.
 
         By default it does nothing.
 
@@ -207,13 +207,13 @@ class Driver(ABC):
 
 
 # --------------------------------------------------------------------------------------------------
-# What the electronics of both real drivers serve: three coils, nine Hall sensors, duties in steps, and no tracker.
+# The electronics of both real drivers: three coils, nine Hall sensors, duties in PWM steps, no tracker.
 
 
 CHANNELS = 3
-HALL_SENSORS = 9  #: places
+HALL_SENSORS = 9  #: sensor positions
 THERMOMETERS = 3
-DUTY_FULL = 4095  #: greatest duty, in steps
+DUTY_FULL = 4095  #: largest duty, in steps
 DUTY_STEPS = 4096  #: steps in one PWM period: a duty of n steps is n / 4096 of the supply
 
 _UPRIGHT, _STILL = np.eye(3), np.zeros(3)
@@ -221,14 +221,14 @@ _UPRIGHT.flags.writeable = _STILL.flags.writeable = False
 
 
 def invalid_pose(now: float) -> Pose:
-    """The word of a tracker that is not there: not valid."""
+    """An invalid pose, for devices without a tracker."""
     return Pose(now, _UPRIGHT, _STILL, _STILL, _STILL, valid=False)
 
 
 def check_electronics(device: Device, driver: str, reader: str) -> Array:
-    """(9, 3) where the device's Hall sensors are [m].
+    """Return the positions of the device's Hall sensors (9, 3) [m].
 
-    Raises DriverError, which says what `driver` serves and `reader` reads, unless the device has as many.
+    Raises DriverError, which states what `driver` and `reader` support, unless the device has as many.
     """
     if device.channels != CHANNELS:
         raise DriverError(f"{driver} serves {CHANNELS} coils; device '{device.name}' has {device.channels}")
@@ -240,7 +240,8 @@ def check_electronics(device: Device, driver: str, reader: str) -> Array:
 
 @kernel
 def quantise_duties(duties: Array, steps: NDArray[np.int64]) -> bool:
-    """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, zero for what is no number; any?"""
+    """Fill `steps` (3,), signed PWM steps, with duties (3,) in −1…1 [1], clipped, NaN as zero; return whether any is
+    not zero."""
     some = False
     for i in range(CHANNELS):
         whole = min(max(duties[i] * DUTY_STEPS, -DUTY_FULL), DUTY_FULL)
@@ -250,7 +251,7 @@ def quantise_duties(duties: Array, steps: NDArray[np.int64]) -> bool:
 
 
 def counts(duties: ArrayLike) -> list[int]:
-    """Duties (3,) in −1…1 [1] as signed PWM steps, clipped; what is not a number is zero.
+    """Convert duties (3,) in −1…1 [1] to signed PWM steps, clipped; NaN becomes zero.
 
     Raises InputError for another shape.
 
@@ -266,14 +267,14 @@ def counts(duties: ArrayLike) -> list[int]:
 
 
 # --------------------------------------------------------------------------------------------------
-# From the Hall converter's range to field: linear sensors, three in each place or one that looks along its radius.
+# Conversion of Hall readings to field: linear sensors, three axes at each position, or the radial one only.
 #
 # A DRV5055A2 (assumed) gives half its supply at zero field and 50 mV/mT at 5 V; the converter measures against the same
 # supply, so the range 0…1 stands for −50…+50 mT however far the 5 V are off. At 3.3 V it gives 30 mV/mT: −55…+55 mT.
 
 
-SPAN_5V = 5.0 / 50.0  #: field over the converter's whole range [T], both on 5 V: a board
-SPAN_3V3 = 3.3 / 30.0  #: the same, both on 3.3 V: a Raspberry Pi
+SPAN_5V = 5.0 / 50.0  #: field over the converter's full range [T], both at 5 V: a board
+SPAN_3V3 = 3.3 / 30.0  #: the same, both at 3.3 V: a Raspberry Pi
 
 
 @kernel
@@ -290,11 +291,11 @@ def fill_field(field: Array, radial: Array, axes: int, span: float, axis: int, f
 
 
 class HallSensors:
-    """Sensors at `positions` (k, 3) [m]: three in each place, along the device's x, y, z, or one, outward.
+    """Hall sensors at `positions` (k, 3) [m]: three axes each, along the device's x, y, z, or one, radially outward.
 
     axes         3 or 1
-    span         field over the converter's whole range [T]
-    directions   (k, 3) in which one-axis sensors look; None for three axes
+    span         field over the converter's full range [T]
+    directions   (k, 3) measuring directions of one-axis sensors; None for three axes
 
     Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is; for other axes, or
     no positive span.
@@ -324,18 +325,19 @@ class HallSensors:
         return self.radial if self.axes == 1 else None
 
     def empty_field(self) -> Array:
-        """(k, 3) NaN [T]: a field of which nothing was read."""
+        """Field (k, 3) of NaN [T]: nothing was read."""
         return np.full(self.radial.shape, np.nan)
 
     def put(self, field: Array, axis: int, first: int, shares: tuple[float, ...]) -> None:
-        """Write what sensors from `first` on read of `axis` into `field` (k, 3) [T]; shares 0…1 of the range [1].
+        """Write readings of `axis` of the sensors from `first` on to `field` (k, 3) [T]; shares 0…1 of the range [1].
 
-        What sensors of one axis do not measure is zero: the tangential parts. An estimator must use the radial parts.
+        Tangential components, which one-axis sensors do not measure, are zero. An estimator must use the radial ones.
         """
         fill_field(field, self.radial, self.axes, self.span, axis, first, np.array(shares, dtype=np.float64))
 
     def shares(self, field: Array) -> Array:
-        """(axes, k) of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as the sensor does."""
+        """Readings (axes, k) in shares of the converter's range 0…1 [1] at a true field (k, 3) [T], clipped as in the
+        sensor."""
         visible = field.T if self.axes == 3 else np.einsum("ki,ki->k", field, self.radial)[None]
         shares: Array = np.clip(visible / self.span + 0.5, 0.0, 1.0)
         return shares

@@ -1,7 +1,7 @@
-"""The emulated microcontroller, from outside: start it, talk to it, and give its coils a simulated device to move.
+"""Host side of the emulated microcontroller: starts it, sends commands, and connects it to a simulated device.
 
 The emulator is a separate program (`make -C firmware emulator`; it links libsimavr, which is GPL) that runs the real
-firmware with its serial line on a pseudo-terminal. Here is only what starts it and what answers its physics socket.
+firmware with its serial line on a pseudo-terminal. This module starts it and answers its physics socket.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from haptorb.simulation.registry import simulate
 __all__ = ["EmulatedDevice", "Emulator"]
 
 _ASKED = struct.Struct("=4d")  # time [s], duties
-_CATCH_UP = 0.05  #: a longer step is a restart of the emulator [s]
+_MAX_STEP_S = 0.05  #: longest step; a longer one is a restart of the emulator
 
 _MCU = {"m328p": "atmega328p", "m2560": "atmega2560"}
 
@@ -42,7 +42,7 @@ class EmulatedDevice:
     """A simulated electromagnet behind a Unix socket: duties in, currents, Hall voltages and temperatures out.
 
     Its Hall sensors have three axes, or with hall_axes 1 the radial one only, as firmware built for such reads them.
-    `goal(t)` says where the hand wants the tool, (position (3,) [m], quaternion (4,)); without it the hand stays.
+    `goal(t)` returns the hand's goal for the tool, (position (3,) [m], quaternion (4,)); without it the hand stays.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class EmulatedDevice:
         self._thread.start()
 
     def _serve(self) -> None:
-        raise_priority()  # the emulator waits for every answer, and firmware time with it
+        raise_priority()  # the emulator, and firmware time, waits for every answer
         with suppress(OSError):
             while True:
                 connection, _ = self._listener.accept()
@@ -86,7 +86,7 @@ class EmulatedDevice:
                 return
             t, *duties = _ASKED.unpack(asked)
             with self._lock:
-                dt = 0.0 if last is None else min(max(t - last, 0.0), _CATCH_UP)
+                dt = 0.0 if last is None else min(max(t - last, 0.0), _MAX_STEP_S)
                 last = t
                 self.simulation.advance(dt, np.array(duties), *(self._goal(t) if self._goal else self._rest))
                 sample = self.simulation.sample(t, t, True)
@@ -100,13 +100,13 @@ class EmulatedDevice:
             self.simulation.place(p, q)
 
     def pose(self, now: float) -> Pose:
-        """Where the simulated tool is, as a perfect tracker would say it at `now` [s]."""
+        """Pose of the simulated tool at `now` [s], as from an ideal tracker."""
         with self._lock:
             state = self.simulation.state()
             return Pose(now, state.R_SR.copy(), state.p.copy(), state.w.copy(), state.v.copy(), valid=True)
 
     def truth(self) -> Array:
-        """(6,) the wrench that coils and core really put on the tool [N, N·m]."""
+        """True wrench (6,) of coils and core on the tool [N, N·m]."""
         with self._lock:
             return self.simulation.truth().copy()
 
@@ -120,10 +120,10 @@ class EmulatedDevice:
 
 @final
 class Emulator:
-    """A running emulator: its serial line is at `port`; `say` and `tell` give it the commands of its own `main.c`.
+    """A running emulator, with its serial line at `port`; `send` and `execute` pass commands of its `main.c`.
 
-    Firmware time runs at real time; `set_pace` lets it run slower, for computers that are too busy to keep a watchdog
-    of 15 ms content. Times that it reports are firmware times.
+    Firmware time runs at real time; `set_pace` slows it down, for computers that are too busy to feed a watchdog
+    of 15 ms. Times that it reports are firmware times.
 
     Raises DriverError if `board` is not known, if emulator or firmware has not been built, or if it does not become
     ready within 20 s.
@@ -143,7 +143,7 @@ class Emulator:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
         )
-        raise_priority(self._process.pid)  # real hardware does not wait for its turn on this computer
+        raise_priority(self._process.pid)  # real hardware has no scheduling delays
         self._lines: Queue[str] = Queue()
         self._listener = threading.Thread(target=self._listen, name="emulator", daemon=True)
         self._listener.start()
@@ -151,13 +151,13 @@ class Emulator:
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        with suppress(ValueError):  # closed while we were listening
+        with suppress(ValueError):  # closed while reading
             for line in self._process.stdout:
-                if line.startswith("@"):  # the library talks, too
+                if line.startswith("@"):  # other lines are the library's
                     self._lines.put(line.strip())
 
     def expect_line(self, start: str, patience: float = 20.0) -> str:
-        """The next line that begins so; others before it are dropped. DriverError if none comes in `patience` [s]."""
+        """Wait for a line that begins with `start`; drop others before. DriverError if none comes in `patience` [s]."""
         end = time.monotonic() + patience
         while True:
             try:
@@ -168,7 +168,7 @@ class Emulator:
                 return line
 
     def send(self, command: str) -> None:
-        """Give a command and do not wait. Raises DriverError if the emulator has ended."""
+        """Send a command without waiting. Raises DriverError if the emulator has ended."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(command + "\n")
@@ -177,9 +177,9 @@ class Emulator:
             raise DriverError("the emulator has ended") from cause
 
     def execute(self, command: str) -> None:
-        """Give a command and wait until it is done; replies in the meantime are kept.
+        """Send a command and wait until it is done; other lines in the meantime are stored.
 
-        Raises DriverError if the emulator refuses the command, says nothing for 20 s, or has ended.
+        Raises DriverError if the emulator rejects the command, does not reply within 20 s, or has ended.
         """
         lines: list[str] = []
         self.send(command)
@@ -197,18 +197,18 @@ class Emulator:
             self._lines.put(one)
 
     def set_pace(self, pace: float = 0.02) -> None:
-        """Let firmware time run at `pace` of ours."""
+        """Run firmware time at `pace` times real time."""
         self.execute(f"pace {pace}")
 
     def wait(self, seconds: float) -> None:
-        """Let so much firmware time pass, as fast as this computer can; later it runs at the pace that it had."""
+        """Advance firmware time by `seconds`, as fast as this computer can; then continue at the pace before."""
         end = float(self.status()["t"]) + seconds
         self.execute(f"skip {seconds}")
         while float(self.status()["t"]) < end:
             time.sleep(0.005)
 
     def forget(self) -> None:
-        """Drop everything said so far."""
+        """Drop all lines received so far."""
         while not self._lines.empty():
             self._lines.get()
 
@@ -221,12 +221,12 @@ class Emulator:
 
     @property
     def pid(self) -> int:
-        """Of the emulator's process."""
+        """Process id of the emulator."""
         return self._process.pid
 
     @property
     def alive(self) -> bool:
-        """It has not ended."""
+        """Whether the emulator runs."""
         return self._process.poll() is None
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The driver of a real device wired straight to a Raspberry Pi: PWM, current sensors and Hall converter on one bus."""
+"""Driver of a real device wired directly to a Raspberry Pi: PWM, current sensors and Hall converter on one bus."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# One program at a time drives one chip: a lock per I²C bus and chip, which ends with the process that holds it.
+# Exclusive access: a lock per I²C bus and chip, which is released when the process that holds it ends.
 
 
 #: the same for every user of this computer, whose own folder for temporary files may be another
@@ -61,10 +61,10 @@ _I2C_LOCK_TRIES = 10
 
 @final
 class BusLock:
-    """Held from the beginning; `bus` is the number of the bus's device file, so that another name is the same bus.
+    """Lock on a chip, held from the creation on; `bus` is the device number, so that aliases are the same bus.
 
-    The kernel holds it for every process that has the `descriptor`: a guardian that still tries to switch off keeps it
-    when the program itself has ended. The file that it lies on stays, and says who held it last.
+    Every process that has the `descriptor` shares the lock: a guardian that still tries to switch off holds it
+    when the program itself has ended. The lock file remains, and names the last holder.
 
     Raises DriverError that names the holder if there is one, or if no file can be made.
     """
@@ -76,7 +76,7 @@ class BusLock:
             raise DriverError(f"{name} cannot be locked: neither {_FOLDERS[0]} nor {_FOLDERS[1]} is a folder")
         self._path = places[0] / f"haptorb-i2c-{os.major(bus)}-{os.minor(bus)}-{address:02x}.lock"
         self.descriptor = self._lock()
-        self.tell()
+        self.write_holder()
 
     def _lock(self) -> int:
         import fcntl  # not at the top: Windows has none
@@ -92,29 +92,29 @@ class BusLock:
                     if os.path.samestat(os.stat(self._path), os.fstat(descriptor)):  # safety: i2c-lock-named
                         return descriptor
             except BlockingIOError as cause:
-                holder = _holder(descriptor)
+                holder = _describe_holder(descriptor)
                 os.close(descriptor)
                 raise DriverError(f"{self._name} is in use by {holder}; end it first") from cause
-            os.close(descriptor)  # the file was removed meanwhile
+            os.close(descriptor)  # the file was deleted meanwhile
         raise DriverError(f"{self._name} cannot be locked: another program keeps removing {self._path}")
 
-    def tell(self, guardian: int = 0) -> None:
-        """Write into the file who holds it: this process, and its `guardian`'s number."""
+    def write_holder(self, guardian: int = 0) -> None:
+        """Write the holder to the file: this process, and the process id of its `guardian`."""
         text = f"{os.getpid()} {guardian} {Path(sys.argv[0]).name or 'python'}"
-        with suppress(OSError):  # another user's file may be read only; the lock holds without it
+        with suppress(OSError):  # another user's file may be read-only; the lock is valid without it
             os.ftruncate(self.descriptor, 0)
             os.pwrite(self.descriptor, text.encode()[:200], 0)
 
     def close(self) -> None:
-        """Release this process's hold. May be called twice."""
+        """Release this process's lock. May be called twice."""
         descriptor, self.descriptor = self.descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
 
 
 def _open_file(path: Path) -> int:
-    """The file, made if it is not there. Made without O_CREAT where it is: the kernel may refuse that in a folder that
-    everybody may write to when the file is another user's."""
+    """Open the file; create it if it is missing. An existing one is opened without O_CREAT, which the kernel may refuse
+    for another user's file in a world-writable folder."""
     flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     for _ in range(_I2C_LOCK_TRIES):
         try:
@@ -124,7 +124,7 @@ def _open_file(path: Path) -> int:
         except FileNotFoundError:
             with suppress(FileExistsError):
                 descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | flags, 0o666)
-                os.fchmod(descriptor, 0o666)  # whatever the umask: other users must be able to lock it
+                os.fchmod(descriptor, 0o666)  # regardless of the umask: other users must be able to lock it
                 return descriptor
     raise FileNotFoundError(2, "appears and disappears", str(path))
 
@@ -136,8 +136,8 @@ def _regular(descriptor: int) -> int:
     return descriptor
 
 
-def _holder(descriptor: int) -> str:
-    """Who holds the lock, in words; what the file says may be anybody's."""
+def _describe_holder(descriptor: int) -> str:
+    """Describe the holder of the lock; the file's content is untrusted."""
     text = os.pread(descriptor, 200, 0).decode("utf-8", "replace")
     number, _, rest = text.partition(" ")
     guardian, _, program = rest.partition(" ")
@@ -163,41 +163,41 @@ def _is_alive(number: int) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where a device's chips hang: the bus, the lock that keeps others away, and the process that watches over it.
+# Access to a device's chips: the bus, the lock, and the guardian process.
 
 
 class Watchdog(Protocol):
-    """What switches off when this process sends no heartbeat."""
+    """Switches off when this process sends no heartbeat."""
 
     @property
     def ended(self) -> bool:
-        """No longer there."""
+        """Whether it has ended."""
 
     def wait_until_ready(self, patience: float) -> bool:
-        """Whether it watches; waits for at most `patience` [s]."""
+        """Wait until it is active, for at most `patience` [s]; return whether it is."""
 
     def beat(self, engaged: bool) -> None:
-        """Still here. DriverError if it is not."""
+        """Send a heartbeat. DriverError if the watchdog is not active."""
 
     def leave(self) -> None:
-        """Switch off until the chip confirms it, then end; the caller does not wait."""
+        """Let it switch off until the chip confirms it, then end; non-blocking."""
 
     def end(self, patience: float) -> bool:
-        """Off is confirmed: end within `patience` [s], or be killed; whether it has ended."""
+        """End it once off is confirmed, within `patience` [s], or kill it; return whether it has ended."""
 
 
 class Port(ABC):
-    """A place with a bus, for one driver at a time."""
+    """Access to a bus, for one driver at a time."""
 
     name: str  #: as in `--driver`
 
     @abstractmethod
     def open(self) -> I2cBus:
-        """The bus. Raises DriverError if it does not exist or another program drives it."""
+        """Open the bus. Raises DriverError if it does not exist or another program uses it."""
 
     @abstractmethod
     def watcher(self) -> Watchdog | None:
-        """A new one, not ready yet; None on a bus without a guardian. OSError if it cannot be started."""
+        """Start a new watchdog, not ready yet; None on a bus without one. OSError if it cannot be started."""
 
     @abstractmethod
     def close(self) -> None:
@@ -205,18 +205,18 @@ class Port(ABC):
 
 
 def device_number(bus: int) -> int:
-    """The kernel's number of the bus, whatever name its device file goes by. OSError if it does not exist."""
+    """Device number of the bus, independent of the name of its device file. OSError if it does not exist."""
     return os.stat(f"/dev/i2c-{bus}").st_rdev
 
 
 def pwm_lock(bus: int) -> BusLock:
-    """The lock on the PWM chip of the bus; DriverError that names the holder, if it is taken."""
+    """Lock the PWM chip of the bus; DriverError that names the holder if it is locked."""
     return BusLock(device_number(bus), ADDRESS, f"the PWM chip at {ADDRESS:#04x} on i2c:{bus}")
 
 
 @final
 class LinuxPort(Port):
-    """/dev/i2c-N."""
+    """Access to /dev/i2c-N."""
 
     def __init__(self, number: int) -> None:
         self.name = f"i2c:{number}"
@@ -225,7 +225,7 @@ class LinuxPort(Port):
         self._lock: BusLock | None = None
 
     def open(self) -> I2cBus:
-        """The bus, and the lock on its PWM chip."""
+        """Open the bus, and lock its PWM chip."""
         self._bus = LinuxBus(self._number)
         try:
             self._lock = pwm_lock(self._number)
@@ -235,16 +235,16 @@ class LinuxPort(Port):
         return self._bus
 
     def watcher(self) -> Watchdog:
-        """A guardian process, which shares the lock."""
+        """Start a guardian process, which shares the lock."""
         command = python_command("haptorb.runtime.drivers.i2c_guardian", str(self._number), str(ADDRESS), isolated=True)
         if self._lock is None:
             return Guardian(command)
         guardian = Guardian(command, (self._lock.descriptor,))
-        self._lock.tell(guardian.pid)
+        self._lock.write_holder(guardian.pid)
         return guardian
 
     def close(self) -> None:
-        """The guardian, if it is still at work, keeps the lock."""
+        """Close the bus and release the lock, unless the guardian is still active, which then holds it."""
         bus, self._bus = self._bus, None
         lock, self._lock = self._lock, None
         if bus is not None:
@@ -263,40 +263,40 @@ class UnwatchedPort(Port):
         self._bus = bus
 
     def open(self) -> I2cBus:
-        """The bus."""
+        """Return the bus."""
         return self._bus
 
     def watcher(self) -> None:
-        """No guardian."""
+        """Return None: no guardian."""
         return
 
     def close(self) -> None:
-        """And the bus."""
+        """Close the bus."""
         self._bus.close()
 
 
 # --------------------------------------------------------------------------------------------------
-# The way from "on" back to "off, as the chip itself says": the PWM chip, and the guardian that watches over it.
+# Confirmed switching off: the PWM chip, and the guardian that supervises it.
 
 
-_CLOSING = 0.25  #: that `close` tries for, at most [s]
-_COIL_SWITCH_TRIES = 2000  #: the same, for a clock that does not advance
-_STARTING = 5.0  #: that a guardian's interpreter takes to start, at most [s]
-_LEAVING = 0.05  #: for one that was killed to be gone, when a person engages [s]
-_ENDING = 0.5  #: for a guardian to read the chip once more and end [s]
-_RESTART = 1.0  #: between two guardians [s]
+_CLOSE_TIMEOUT_S = 0.25  #: longest time for which `close` tries
+_COIL_SWITCH_TRIES = 2000  #: the same in tries, for a clock that does not advance
+_START_S = 5.0  #: timeout of the start of a guardian's interpreter
+_KILL_TIMEOUT_S = 0.05  #: for the end of a killed guardian, when the user engages
+_END_TIMEOUT_S = 0.5  #: for a guardian to read the chip once more and end
+_RESTART_INTERVAL_S = 1.0  #: between two starts of a guardian
 
 
 @final
 class CoilSwitch:
-    """Whether current can flow through `pwm`'s outputs, as far as the chip confirmed it: `state`.
+    """Switches the outputs of `pwm`; `state` is whether current can flow, as far as the chip confirmed it.
 
-    A write that failed may have been carried out in part, so the state is UNKNOWN until reading the registers back
+    A write that failed may have been executed in part, so the state is UNKNOWN until reading the registers back
     shows every output off. A loop that calls `recover` in every tick tries in every tick; a guardian tries in parallel.
     """
 
     def __init__(self, pwm: Pca9685, port: Port, clock: Callable[[], float]) -> None:
-        self.state = CoilState.OFF  # the chip was set up, and read back
+        self.state = CoilState.OFF  # the chip was configured, and read back
         self._pwm = pwm
         self._port = port
         self._clock = clock
@@ -305,22 +305,22 @@ class CoilSwitch:
         self._started = float("-inf")
 
     def start(self) -> None:
-        """A guardian, and wait for it. DriverError if it does not start."""
+        """Start a guardian, and wait for it. DriverError if it does not start."""
         if self._watcher is None:
             self._started = self._clock()
             try:
                 self._watcher, self._leaving = self._port.watcher(), False
             except OSError as cause:
                 raise DriverError(f"the guardian process of the I²C bus did not start: {cause}") from cause
-        if self._watcher is not None and not self._watcher.wait_until_ready(_STARTING):
+        if self._watcher is not None and not self._watcher.wait_until_ready(_START_S):
             self._release_watcher()
             raise DriverError(
-                f"the guardian process of the I²C bus did not start within {_STARTING:g} s; close other programs, and "
+                f"the guardian process of the I²C bus did not start within {_START_S:g} s; close other programs, and "
                 "try again"
             )
 
     def beat(self, engaged: bool) -> None:
-        """Tell the guardian. DriverError if it is gone or does not answer."""
+        """Send a heartbeat to the guardian. DriverError if it has ended or does not answer."""
         if self._watcher is not None:
             try:
                 self._watcher.beat(engaged)
@@ -329,12 +329,12 @@ class CoilSwitch:
                 raise
 
     def write(self, steps: list[int]) -> None:
-        """New duties, in signed steps of 1/4096. OSError if the chip does not answer."""
-        self.state = CoilState.ON  # before it is: half a message may move an output
+        """Write new duties, in signed steps of 1/4096. OSError if the chip does not answer."""
+        self.state = CoilState.ON  # before the write: a partial message may switch an output
         self._pwm.write(steps)
 
     def switch_off(self) -> bool:
-        """Try once; True if the chip confirms that every output is off."""
+        """Try once to switch off; True if the chip confirms that every output is off."""
         self.state = CoilState.UNKNOWN  # safety: i2c-off-unsaid
         with suppress(OSError):
             if self._pwm.switch_off():
@@ -342,7 +342,7 @@ class CoilSwitch:
         return self.state is CoilState.OFF
 
     def fail(self) -> None:
-        """Try once, and let the guardian try too if that was in vain."""
+        """Try once to switch off, and let the guardian try, too, if that failed."""
         if not self.switch_off():
             self._release_watcher()
         elif not self._leaving:
@@ -355,46 +355,46 @@ class CoilSwitch:
             self._leaving = True
 
     def recover(self) -> None:
-        """What one tick does for a device that has failed: switch off until that is confirmed; then have a guardian
-        again, so that a person who engages need not wait for it. Never waits."""
+        """Recover from a failure, one step per tick: switch off until that is confirmed, then restart the guardian, so
+        that engaging need not wait for it. Non-blocking."""
         if self.state is not CoilState.OFF:  # safety: i2c-reading-off
             self.switch_off()
-        elif self._is_guardian_gone() and self._clock() - self._started > _RESTART:
+        elif self._is_guardian_gone() and self._clock() - self._started > _RESTART_INTERVAL_S:
             self._started = self._clock()
             with suppress(OSError):
                 self._watcher, self._leaving = self._port.watcher(), False
 
     def _is_guardian_gone(self, patience: float = 0.0) -> bool:
-        """Whether there is no guardian any more. One that still tries need not, for off is confirmed."""
+        """Whether the guardian has ended. One that still tries is told to end, as off is confirmed."""
         if self._watcher is not None and (self._leaving or self._watcher.ended) and self._watcher.end(patience):
             self._watcher = None
         return self._watcher is None
 
     def require(self) -> None:
-        """DriverError unless the chip confirms that it is off and a guardian watches; until then, engaging is not
-        allowed."""
+        """Raise DriverError unless the chip confirms that it is off and a guardian is active: until then, engaging is
+        not allowed."""
         if self.state is not CoilState.OFF and not self.switch_off():  # safety: i2c-engage-off
             raise DriverError(
                 "coil state unknown: the PWM chip has not confirmed that the coils are off. Check the bus and the "
                 "supply, then engage again"
             )
         if (self._leaving or (self._watcher is not None and self._watcher.ended)) and not self._is_guardian_gone(
-            _LEAVING
+            _KILL_TIMEOUT_S
         ):
             raise DriverError("the guardian of the I²C bus is still trying to switch off. Engage again in a moment")
         self.start()
 
     def close(self) -> None:
-        """Off, confirmed; then the guardian ends. DriverError if it was not confirmed within a quarter of a second: a
-        guardian then keeps trying."""
-        end = self._clock() + _CLOSING
+        """Switch off, confirmed; then end the guardian. DriverError if it was not confirmed within 0.25 s: a guardian
+        then continues to try."""
+        end = self._clock() + _CLOSE_TIMEOUT_S
         for _ in range(_COIL_SWITCH_TRIES):
             if self.switch_off() or self._clock() > end:
                 break
         watcher, self._watcher = self._watcher, None
         if self.state is CoilState.OFF:  # safety: i2c-closing
             if watcher is not None:
-                watcher.end(_ENDING)
+                watcher.end(_END_TIMEOUT_S)
             return
         if watcher is not None:
             watcher.leave()
@@ -405,20 +405,20 @@ class CoilSwitch:
 
 
 # --------------------------------------------------------------------------------------------------
-# DS18B20 thermometers through Linux' 1-wire driver: a conversion takes 0.75 s, so a thread of its own reads them.
+# DS18B20 thermometers through Linux' 1-wire driver: a conversion takes 0.75 s, so a separate thread reads them.
 
 
 _FOLDER = Path("/sys/bus/w1/devices")
 
 
 class Thermometers(Protocol):
-    """A source of the temperatures at the coils' boundaries."""
+    """Source of the temperatures at the coils' boundaries."""
 
     def wait_until_ready(self, patience: float) -> bool:
-        """Wait for the first reading [s]."""
+        """Wait for the first reading, for at most `patience` [s]."""
 
     def read(self) -> Array:
-        """(m,) [K]."""
+        """Temperatures (m,) [K]."""
 
     def close(self) -> None:
         """May be called twice."""
@@ -426,9 +426,9 @@ class Thermometers(Protocol):
 
 @final
 class W1Thermometers:
-    """The sensors 28-… in `folder`, in the order of their numbers: coils x, y, z.
+    """Thermometers 28-… in `folder`, in the order of their numbers: coils x, y, z.
 
-    Raises DriverError if there are not just `count` of them.
+    Raises DriverError if there are not exactly `count` of them.
     """
 
     def __init__(self, count: int = 3, folder: Path = _FOLDER) -> None:
@@ -460,7 +460,7 @@ class W1Thermometers:
         return self._first.wait(patience)
 
     def read(self) -> Array:
-        """(count,) the last readings [K]; NaN where a sensor does not answer."""
+        """Last readings (count,) [K]; NaN where a sensor does not answer."""
         return self._kelvin.copy()
 
     def close(self) -> None:
@@ -471,14 +471,14 @@ class W1Thermometers:
 _FAILS_IN_A_ROW = 3
 _OVER_IN_A_ROW = 2
 _WARM_UP = 5.0
-_IDLE = 0.02  #: of zero duties, after which the chip is switched off and confirms it [s]
+_IDLE_TIME_S = 0.02  #: time of zero duties after which the chip is switched off, confirmed
 
-_CONVERTED = 0.53e-3  #: before a current sensor is read, the middle of the conversion that it reports, on average [s]
+_CONVERSION_AGE_S = 0.53e-3  #: average age of the middle of a current sensor's conversion when it is read
 
 
 @final
 class I2cDriver(Driver):
-    """Register by register, without firmware between: so the limits and the watchdogs are here.
+    """Driver that accesses the chips' registers without a firmware: limits and watchdogs are here.
 
     A guardian process switches the PWM chip off when this one ends or hangs for 15 ms, and a monostable on the
     chip's OE pin when both hang; without the monostable `open` refuses, unless `watchdog` is False. Two readings of a
@@ -529,33 +529,33 @@ class I2cDriver(Driver):
         self._fault = ""
         self._engaged = False
         self._armed = True
-        self._idle: float | None = None  # since when duties are zero [s]
+        self._idle: float | None = None  # time since which duties are zero [s]
         self._group = 0
         self._fails = 0
         self._over = np.zeros(CHANNELS, dtype=np.int64)
         self._currents = np.zeros(CHANNELS)
-        self._currents_at = self._field_at = 0.0  # [s], by the loop's clock
+        self._currents_at = self._field_at = 0.0  # on the loop's clock [s]
         self._field = self._hall_sensors.empty_field()
         self._applied = np.zeros(CHANNELS)
 
     @property
     def field_axes(self) -> Array | None:
-        """(9, 3) unit vectors, if every Hall sensor looks along its own radius only; None: three axes."""
+        """(9, 3) unit vectors, if every Hall sensor measures only its radial component; None: three axes."""
         return self._hall_sensors.directions
 
     @property
     def fault(self) -> str:
-        """Why no current flows, in one clause; empty if it may."""
+        """Reason why no current flows, in one clause; empty if it may."""
         return self._fault
 
     @property
     def coil_state(self) -> CoilState:
-        """As the PWM chip confirmed it by its registers; UNKNOWN before it was first set up."""
+        """Coil state, as confirmed by the PWM chip's registers; UNKNOWN before it was first configured."""
         return CoilState.UNKNOWN if self._switch is None else self._switch.state
 
     def open(self) -> None:
-        """Set every chip up, coils off; DriverError names the first that is missing, with its address, and what to wire
-        where there is no monostable."""
+        """Configure every chip, coils off; DriverError names the first that is missing, with its address, and the
+        wiring needed where there is no monostable."""
         self.close()
         self._start()
         self._switch = None
@@ -599,8 +599,8 @@ class I2cDriver(Driver):
             raise
 
     def close(self) -> None:
-        """Coils off, then close the bus. May be called twice. DriverError if the PWM chip did not confirm within a
-        quarter of a second that they are off: the bus is then closed, and the guardian keeps trying."""
+        """Coils off, then close the bus. May be called twice. DriverError if the PWM chip did not confirm within 0.25 s
+        that they are off: the bus is then closed, and the guardian continues to try."""
         bus, self._bus = self._bus, None
         thermometers, self._thermometers = self._thermometers, None
         self._engaged = False
@@ -616,8 +616,8 @@ class I2cDriver(Driver):
             self._port.close()
 
     def engage(self) -> None:
-        """A person wants the coils on again: forget a trip; chips that had disappeared are set up again. DriverError
-        while the PWM chip has not confirmed that it is off, or has no guardian or monostable."""
+        """Clear a trip when the user engages; configure chips again that had disappeared. DriverError while the PWM
+        chip has not confirmed that it is off, or has no guardian or monostable."""
         if self._bus is None or self._switch is None or self._engaged or (self._armed and not self._fault):
             return
         self._switch.require()
@@ -638,7 +638,7 @@ class I2cDriver(Driver):
         self._over[:] = 0
 
     def _fail(self, why: str) -> DriverError:
-        """Coils off, and off they stay until `engage`."""
+        """Latch a failure: coils off until `engage`."""
         self._engaged = self._armed = False
         self._applied = np.zeros(CHANNELS)
         self._fault = why
@@ -652,9 +652,9 @@ class I2cDriver(Driver):
         return f"{self._fault}. COIL STATE UNKNOWN: the PWM chip has not confirmed that the coils are off"
 
     def read(self, now: float) -> Sample:
-        """The three currents, one group of Hall sensors and the last temperatures, at `now` [s].
+        """Read the three currents, one group of Hall sensors and the last temperatures, at `now` [s].
 
-        Raises DriverError while not open, or with the reason why the coils are switched off.
+        Raises DriverError while not open, or if the coils are switched off, with the reason.
         """
         if self._bus is None or self._thermometers is None or self._switch is None:
             raise DriverError(f"the device at {self.name} is not open; use it in a `with` block or call open() first")
@@ -673,8 +673,8 @@ class I2cDriver(Driver):
                 raise self._fail(f"a chip on the I²C bus does not respond: {cause}") from cause
         else:
             self._fails = 0
-            # the middle of either's reading; a bus takes its time, and the tick's `now` is when it began
-            self._currents_at = now + (had - start) / 2 - _CONVERTED
+            # the middle of each reading: a bus is slow, and the tick's `now` is the begin of the tick
+            self._currents_at = now + (had - start) / 2 - _CONVERSION_AGE_S
             self._field_at = now + (had + self._clock()) / 2 - start
         self._over = np.where(np.abs(self._currents) > self._limit, self._over + 1, 0)
         if (self._over >= _OVER_IN_A_ROW).any():
@@ -687,7 +687,7 @@ class I2cDriver(Driver):
         )  # fmt: skip
 
     def _read_hall(self) -> None:
-        """One axis of one block, the next time the other block, then the next axis."""
+        """Read one axis of one block, the next time the other block, then the next axis."""
         axis, block = divmod(self._group, len(i2c_chips.BLOCKS))
         if self._hall_sensors.axes > 1:
             self._select.show(axis)
@@ -695,8 +695,8 @@ class I2cDriver(Driver):
         self._group = (self._group + 1) % (self._hall_sensors.axes * len(i2c_chips.BLOCKS))
 
     def write(self, duties: Array) -> Array:
-        """One burst of `duties` (3,) in −1…1 [1] to the PWM chip; returns (3,) what was applied, zeros while the coils
-        are off. Raises DriverError if a chip does not answer, or the guardian has switched off or does not answer."""
+        """Write `duties` (3,) in −1…1 [1] to the PWM chip in one burst; return those applied (3,), zeros while the
+        coils are off. Raises DriverError if a chip or the guardian does not answer, or the guardian has switched off."""
         steps = counts(duties)
         some, switch = any(steps), self._switch
         if self._bus is None or switch is None:
@@ -711,7 +711,7 @@ class I2cDriver(Driver):
             self._idle = self._clock()
         try:
             # safety: i2c-zero-off
-            if not some and self._clock() - self._idle > _IDLE:  # type: ignore[operator]
+            if not some and self._clock() - self._idle > _IDLE_TIME_S:  # type: ignore[operator]
                 return self._resume_after_rest(switch)
             self._engaged, self._armed = True, False
             switch.beat(True)
@@ -724,7 +724,7 @@ class I2cDriver(Driver):
         return self._applied.copy()
 
     def _resume_after_rest(self, switch: CoilSwitch) -> Array:
-        """Nothing was wanted for a while: off, confirmed. The next duties engage again, for nothing failed."""
+        """Switch off, confirmed, after a time of zero duties; the next duties engage again, as nothing has failed."""
         self._idle = None
         if not switch.switch_off():
             raise DriverError("the PWM chip does not confirm that the coils are off; switch off their supply")

@@ -1,11 +1,11 @@
-"""A second process that switches the coils off when the first one ends or hangs: a Raspberry Pi has no firmware.
+"""Guardian process: switches the coils off when the driver's process ends or hangs, as there is no firmware.
 
     python -m haptorb.runtime.drivers.i2c_guardian BUS ADDRESS
 
 It reads heartbeats from its standard input, `1` while coils are engaged, `0` when they are not, and answers each on its
 standard output. While engaged, 15 ms without one, or the end of the input, switch the PWM chip off: again and again,
-until reading its registers back shows it. It cannot help when the computer's own kernel stops: for that a monostable
-keeps the chip's OE pin (docs/reference/hardware.md).
+until reading its registers back confirms it. It cannot help when the computer's own kernel stops: for that a monostable
+controls the chip's OE pin (docs/reference/hardware.md).
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from haptorb.runtime.drivers.i2c_chips import I2cBus, LinuxBus, Pca9685
 
 __all__ = ["ANSWER", "PATIENCE", "Guardian", "serve", "switch_off", "watch"]
 
-PATIENCE = 0.015  #: between two heartbeats while the coils are engaged [s]
-ANSWER = 0.010  #: from the last answer to a heartbeat, after which the guardian counts as stopped [s]
+PATIENCE = 0.015  #: heartbeat timeout while the coils are engaged [s]
+ANSWER = 0.010  #: time since the last answer to a heartbeat after which the guardian counts as stopped [s]
 
-_RETRY_INTERVAL_S = 2e-3  #: between two tries to switch off [s]
-_PRIORITY = 41  #: before every loop: one that never sleeps must not keep its guardian from the processor
+_RETRY_INTERVAL_S = 2e-3  #: between two tries to switch off
+_PRIORITY = 41  #: above every loop: one that never sleeps must not starve its guardian
 
 
 def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, answers: int | None = None) -> bool:
-    """Watch the file descriptor `heartbeats` until it ends (True) or falls silent while engaged (False); then `off`.
+    """Monitor the file descriptor `heartbeats` until it ends (True) or times out while engaged (False); then `off`.
 
-    Every heartbeat is answered on the file descriptor `answers`. After a silence no heartbeat counts any more: the
-    descriptor is closed first, so that a program which comes back to life finds that out with its next heartbeat and
-    cannot switch on by itself.
+    Every heartbeat is answered on the file descriptor `answers`. After a timeout no heartbeat is accepted any more: the
+    descriptor is closed first, so that the next heartbeat of a program that resumes fails and it cannot switch on by
+    itself.
     """
     engaged = False
     while True:
@@ -47,15 +47,15 @@ def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, 
             off()
             return bool(ready)
         if answers is not None:
-            with suppress(OSError):  # a host that no longer reads it sees the end of its pipe
+            with suppress(OSError):  # a host that does not read it detects the end of its pipe
                 os.write(answers, b".")  # safety: guardian-answers
         engaged = data.endswith(b"1")
 
 
 def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
-    """Try until the chip confirms that every output is off, however long that takes."""
+    """Try without limit until the chip confirms that every output is off."""
     while True:
-        # However the bus responds or fails, there is only one thing to do.
+        # Any failure of the bus is handled the same way: try again.
         with suppress(Exception):
             if pwm.switch_off():
                 return
@@ -64,9 +64,9 @@ def switch_off(pwm: Pca9685, wait: Callable[[float], None] = sleep) -> None:
 
 @final
 class Guardian:
-    """The other process, seen from the one with the loop; `command` starts it, with the descriptors `inherited`.
+    """The guardian process as used by the driver; `command` starts it, with the descriptors `inherited`.
 
-    It is there once `wait_until_ready` says so.
+    It is active once `wait_until_ready` returns True.
     """
 
     def __init__(
@@ -77,12 +77,12 @@ class Guardian:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=inherited,
-            start_new_session=True,  # what stops the program by the keyboard must not stop its guardian first
+            start_new_session=True,  # Ctrl-C in the terminal must not end the guardian before the program
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._pipes = self._process.stdin, self._process.stdout
-        self._beats, self._answers = (pipe.fileno() for pipe in self._pipes)  #: −1 once closed
+        self._beats, self._answers = (pipe.fileno() for pipe in self._pipes)  #: −1 when closed
         os.set_blocking(self._beats, False)
         os.set_blocking(self._answers, False)
         self._clock = clock
@@ -91,19 +91,19 @@ class Guardian:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     def wait_until_ready(self, patience: float) -> bool:
-        """Whether it watches; waits for its first word for at most `patience` [s]."""
+        """Wait for its ready message, for at most `patience` [s]; return whether it is active."""
         if not self._ready and self._answers >= 0:
             readable, _, _ = select.select((self._answers,), (), (), patience)
             self._ready = bool(readable) and os.read(self._answers, 1) == b"+"
         return self._ready and not self.ended
 
     def beat(self, engaged: bool) -> None:
-        """Still here. DriverError if the guardian is not, or did not answer for 10 ms: without it no current may flow.
-        Never waits."""
+        """Send a heartbeat. DriverError if the guardian has ended, or did not answer for 10 ms: no current may flow
+        without it. Non-blocking."""
         now = self._clock()
         try:
             os.write(self._beats, b"1" if engaged else b"0")
@@ -115,7 +115,7 @@ class Guardian:
             if not os.read(self._answers, 4096):
                 raise DriverError("the guardian of the I²C bus has ended; start this program again")
             self._last_answer = now
-        if engaged and not self._engaged:  # at rest there are no heartbeats, so none was received
+        if engaged and not self._engaged:  # there were no heartbeats before, so no answers either
             self._last_answer = now
         self._engaged = engaged
         if engaged and now - self._last_answer > ANSWER:  # safety: guardian-silent
@@ -125,17 +125,17 @@ class Guardian:
 
     @property
     def ended(self) -> bool:
-        """Whether its process has: its last deed succeeded, or it was killed."""
+        """Whether its process has ended: it has switched off, confirmed, or was killed."""
         return self._process.poll() is not None
 
     def leave(self) -> None:
-        """Let it switch off until the chip confirms it, and end; the caller does not wait."""
+        """Let it switch off until the chip confirms it, and end; non-blocking."""
         self._beats = -1
         with suppress(OSError):
             self._pipes[0].close()
 
     def end(self, patience: float) -> bool:
-        """Once off is confirmed: let it end, within `patience` [s], or kill it; whether it has ended."""
+        """End it once off is confirmed, within `patience` [s], or kill it; return whether it has ended."""
         self.leave()
         for last in (False, True):
             with suppress(subprocess.TimeoutExpired):
@@ -149,9 +149,9 @@ class Guardian:
 
 
 def serve(bus: I2cBus, address: int) -> None:
-    """What the process does: switch the chip at `address` off, report it, watch, and switch it off again."""
+    """Run the guardian: switch the chip at `address` off, report that, monitor heartbeats, and switch off again."""
     with suppress(OSError):
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the loop binds itself, and who it starts, to one core
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the loop binds itself and its children to one core
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     pwm = Pca9685(bus, address)
@@ -162,7 +162,7 @@ def serve(bus: I2cBus, address: int) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """The guardian's own program."""
+    """Entry point of the guardian process."""
     serve(LinuxBus(int(arguments[0])), int(arguments[1]))
     return 0
 

@@ -1,4 +1,4 @@
-"""From `--driver serial:PORT` or `--driver i2c:BUS` to the driver of a real device."""
+"""Registry of drivers: parses `--driver serial:PORT` or `--driver i2c:BUS` and makes the driver of a real device."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ DRIVERS = ("sim",)
 
 
 def check_driver(name: str) -> str:
-    """`name` itself, or UnknownName; whether a port or bus is there shows when it is opened."""
+    """Return `name`; raise UnknownName if it is no driver. Port or bus are checked when they are opened."""
     if name not in DRIVERS and not is_real(name):
         raise UnknownName("driver", name, (*DRIVERS, "serial:PORT", "i2c:BUS"))
     return name
 
 
 def is_real(name: str) -> bool:
-    """Whether `name` asks for hardware.
+    """Whether `name` is the driver of a real device.
 
     >>> is_real("serial:/dev/ttyACM0"), is_real("sim")
     (True, False)
@@ -43,8 +43,8 @@ def real_driver(
     patience: float = 5e-3,
     watchdog: bool = True,
 ) -> Driver:
-    """The driver `name` of `device`, not open yet; InputError if the name is no port or bus, PlatformError if this is
-    not Linux.
+    """Make the driver `name` of `device`, not open yet; InputError if the name is no port or bus, PlatformError if this
+    is not Linux.
 
     duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
     than `hall_axes` are refused when it is opened. `patience` [s] is how long a bridge's answer is waited for: a loop

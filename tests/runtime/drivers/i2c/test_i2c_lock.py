@@ -70,7 +70,7 @@ def test_a_program_that_was_killed_holds_nothing(tmp_path: Path) -> None:
 def test_a_guardian_that_still_tries_keeps_it(tmp_path: Path) -> None:
     one = lock(tmp_path)
     guardian = Guardian(["sh", "-c", "printf +; exec sleep 60"], (one.descriptor,))
-    one.tell(guardian.pid)
+    one.write_holder(guardian.pid)
     assert guardian.wait_until_ready(10.0)
     one.close()
     with pytest.raises(DriverError, match="in use by"):
