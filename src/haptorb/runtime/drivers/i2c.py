@@ -696,7 +696,7 @@ class I2cDriver(Driver):
 
     def write(self, duties: Array) -> Array:
         """Write `duties` (3,) in −1…1 [1] to the PWM chip in one burst; return those applied (3,), zeros while the
-        coils are off. Raises DriverError if a chip or the guardian does not answer, or the guardian has switched off."""
+        coils are off. DriverError if a chip or the guardian does not answer, or the guardian has switched off."""
         steps = counts(duties)
         some, switch = any(steps), self._switch
         if self._bus is None or switch is None:
