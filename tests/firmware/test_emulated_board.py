@@ -82,7 +82,7 @@ def test_identity_limits_and_calibration_can_be_read(started: Callable[..., Any]
         wanted = bytes(range(100, 116))
         assert device.store(wanted).refusal is Refusal.WRITING  # the EEPROM takes 3.4 ms a byte
         assert device.identify().calibration == bytes(16)
-        device.keep(wanted)
+        device.store_and_wait(wanted)
         assert device.identity.calibration == wanted
         device.close()
         emulator.execute("reset")  # the EEPROM remembers

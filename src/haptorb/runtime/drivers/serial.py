@@ -1,4 +1,4 @@
-"""The driver of a real device behind a serial port: one frame each way per tick, and no current without intent."""
+"""Driver of a real device on a serial port: one frame each way per tick; no current until the coils are engaged."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ __all__ = ["BAUD", "Board", "BoardSample", "BoardTime", "SerialDriver", "SerialP
 
 
 # --------------------------------------------------------------------------------------------------
-# A serial port at 1 Mbaud, opened for one program alone; what cannot be opened is explained.
+# A serial port at 1 Mbaud, opened exclusively; failures to open it are explained.
 
 
 BAUD = 1_000_000
@@ -78,7 +78,7 @@ def _serial() -> Any:
 
 
 def port_list() -> list[tuple[str, str]]:
-    """Serial ports of this computer, (path, description) each, those that look like an Arduino first."""
+    """Serial ports of this computer, (path, description) each, probable Arduinos first."""
     _serial()
     from serial.tools.list_ports import comports
 
@@ -105,19 +105,19 @@ def _explain_port_error(path: str, cause: OSError) -> DriverError:
 
 @final
 class SerialPort:
-    """Bytes out, bytes in with a time limit. A failure of the line is a DriverError, and then the port is closed."""
+    """Serial port with a read timeout. A failure of the line closes the port and raises DriverError."""
 
     def __init__(self, path: str) -> None:
         serial = _serial()
         self.path = path
         try:
             self._port = serial(path, BAUD, timeout=0, write_timeout=0, exclusive=True)
-        except OSError as cause:  # pyserial's own error is one
+        except OSError as cause:  # base class of pyserial's own error
             raise _explain_port_error(path, cause) from cause
         except ValueError as cause:
             raise DriverError(f"{path} is not a serial port for {BAUD} baud: {cause}") from cause
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
-            self._port.set_low_latency_mode(True)  # USB adapters hold bytes back for 16 ms otherwise
+            self._port.set_low_latency_mode(True)  # USB adapters delay bytes by 16 ms otherwise
         self._number = self._port.fileno()
 
     def close(self) -> None:
@@ -131,7 +131,7 @@ class SerialPort:
         return DriverError(f"{self.path} has disappeared{why}; check the cable")
 
     def send(self, data: bytes | memoryview) -> None:
-        """All of `data`; what the line does not take is an error, because half a frame is worth nothing."""
+        """Send all of `data`; a partial write is an error, because a partial frame is useless."""
         try:
             if os.write(self._number, data) != len(data):
                 raise self._lose_port(None)
@@ -139,9 +139,9 @@ class SerialPort:
             raise self._lose_port(cause) from cause
 
     def receive(self, room: memoryview, patience: float) -> int:
-        """How many bytes have come into `room`, waiting at most `patience` [s]; 0 if none did."""
+        """Receive bytes into `room`, waiting at most `patience` [s]; return their number, 0 if none came."""
         try:
-            count = os.readv(self._number, (room,))  # most often the answer is there: no need to ask first
+            count = os.readv(self._number, (room,))  # usually the answer has arrived: no need to poll first
             if count:
                 return count
         except BlockingIOError:
@@ -163,40 +163,40 @@ class SerialPort:
 
 
 # --------------------------------------------------------------------------------------------------
-# The firmware behind a serial port, one question and one answer at a time.
+# Client of the firmware on a serial port: one request and one response at a time.
 
 
-_ANSWER = 0.05  #: a line that is alive answers within a millisecond [s]
-_START_RETRY_INTERVAL_S = 0.25  #: between two questions to a board that may be starting [s]
+_RESPONSE_S = 0.05  #: response timeout; a working line answers within 1 ms
+_START_RETRY_INTERVAL_S = 0.25  #: between two requests to a board that may be starting
 _TRIES = 3
-_EEPROM = 30.0  #: twenty-one bytes take 72 ms; an emulated processor may be slow [s]
-_WRITE_CHECK_INTERVAL_S = 0.005  #: whether it is written [s]
+_EEPROM_TIMEOUT_S = 30.0  #: of writing the EEPROM: twenty-one bytes take 72 ms; an emulated processor may be slow
+_WRITE_CHECK_INTERVAL_S = 0.005  #: between two checks whether it is written
 
 
 @final
 class Board:
-    """Questions and answers; `post` and `collect` split the one that is asked every millisecond.
+    """Requests and responses; `post` and `collect` split the periodic one.
 
-    Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to two
-    seconds), at most `patience` [s], and leaves the coils off. `answer` [s] is how long any later answer may take;
-    `clock` gives the time of a request, for `asked`.
+    Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to 2 s),
+    at most `patience` [s], and leaves the coils off. `answer` [s] is the timeout of any later response;
+    `clock` returns the time of a request, for `asked`.
 
-    Raises DriverError if the port cannot be opened, if nothing answers there, or if what answers is not haptorb's
-    firmware with this version's protocol.
+    Raises DriverError if the port cannot be opened, if there is no response, or if it is not that of haptorb's firmware
+    with this version's protocol.
     """
 
     def __init__(
-        self, path: str, patience: float = 3.0, answer: float = _ANSWER, clock: Callable[[], float] = monotonic
+        self, path: str, patience: float = 3.0, answer: float = _RESPONSE_S, clock: Callable[[], float] = monotonic
     ) -> None:
         self._answer = answer
         self._clock = clock
         self._parser = FrameParser()
         self._sequence = 0
-        self._waiting: int | None = None  #: sequence of the SET or READ whose answer has not been collected
-        self._first = 0  #: sequence of the first that asked the same
-        self.asked = 0.0  #: when the question was sent whose answer was collected last [s]
-        # Used again every millisecond; and everything compiled before a port is opened, as the firmware does not wait.
-        self._asked_at = [0.0] * 256  # [s], by sequence
+        self._waiting: int | None = None  #: sequence number of the SET or READ whose response is pending
+        self._first = 0  #: sequence number of the first of its repetitions
+        self.asked = 0.0  #: time of the request whose response was collected last [s]
+        # Reused every millisecond; all code is compiled before a port is opened, as the firmware does not wait.
+        self._asked_at = [0.0] * 256  # time of the request by sequence number [s]
         self._out, self._at = np.zeros(SET_BYTES, np.uint8), np.zeros(1, np.int64)
         self._payload = self._out.data
         self._reading = make_reading()
@@ -213,12 +213,12 @@ class Board:
 
     @property
     def path(self) -> str:
-        """The port."""
+        """Path of the port."""
         return self._port.path
 
     @property
     def bad_frames(self) -> int:
-        """Frames from the firmware whose check sum was wrong."""
+        """Number of frames from the firmware with a wrong checksum."""
         return self._parser.bad_frames
 
     def _identify(self, patience: float) -> Identity:
@@ -254,7 +254,7 @@ class Board:
         self._port.send(encode(frame))
 
     def _await_frame(self, kind: int, sequence: int, patience: float) -> tuple[Frame | None, int]:
-        """The frame of this kind and number, or None; and how many bytes came."""
+        """Wait for the frame of this kind and sequence number; return it, or None, and the number of bytes received."""
         end = monotonic() + patience
         count = 0
         while True:
@@ -268,7 +268,7 @@ class Board:
                 return None, count
 
     def _receive(self, end: float) -> int:
-        """How many bytes came, waiting until `end` [s] at the latest."""
+        """Receive bytes, waiting until `end` [s] at the latest; return their number."""
         count = self._port.receive(self._parser.free_space, end - monotonic())
         self._parser.commit(count)
         return count
@@ -292,26 +292,26 @@ class Board:
         raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
 
     def engage(self, duty_limit: float = 1.0, current_limit: float = 65.5) -> BoardState:
-        """Let the coils have current, within these limits; `refusal` holds the reason if it was refused."""
+        """Enable the coils within these limits; `refusal` states the reason if that was refused."""
         return self._state(lambda sequence: engage(sequence, duty_limit, current_limit))
 
     def switch_off(self) -> BoardState:
-        """Coils off; a trip is forgotten."""
+        """Switch the coils off; clears a trip."""
         return self._state(lambda sequence: Frame(Command.OFF, sequence, b""))
 
     def store(self, calibration: bytes) -> BoardState:
-        """Wish for the 16-byte id of the calibration that belongs to this device to be kept; see `keep`.
+        """Request to store the 16-byte id of this device's calibration, without waiting; see `store_and_wait`.
 
-        Accepted once it has been written and read back, refused as WRITING until then: ask again.
+        Accepted once it has been written and read back, refused as WRITING until then: repeat the request.
         """
         return self._state(lambda sequence: Frame(Command.STORE, sequence, calibration))
 
-    def keep(self, calibration: bytes) -> None:
-        """Keep that id: returns when the EEPROM has it, and a reset can lose it no more.
+    def store_and_wait(self, calibration: bytes) -> None:
+        """Store that id; returns when the EEPROM contains it, so that a reset cannot lose it.
 
-        Raises DriverError if the firmware refuses it (coils engaged), or if its EEPROM does not keep it.
+        Raises DriverError if the firmware refuses it (coils engaged), or if its EEPROM does not retain it.
         """
-        end = monotonic() + _EEPROM
+        end = monotonic() + _EEPROM_TIMEOUT_S
         # safety: eeprom-kept
         while (state := self.store(calibration)).refusal is Refusal.WRITING and monotonic() < end:
             sleep(_WRITE_CHECK_INTERVAL_S)
@@ -322,16 +322,16 @@ class Board:
             raise DriverError(f"the firmware did not store the calibration's id: {why}")
 
     def identify(self) -> Identity:
-        """Who answers, asked once more: what was stored shows here."""
+        """Read the identity again, with the stored id."""
         self.identity = Identity.parse(self._ask(Command.IDENTIFY, b"", 0x80 | Command.IDENTIFY).payload)
         return self.identity
 
     def read(self) -> Reading:
-        """One reading, and nothing else."""
+        """Request one reading."""
         return Reading.of(self.read_numbers())
 
     def read_numbers(self) -> Records:
-        """The same as (1,) BOARD_READING; the next is written over it."""
+        """The same as (1,) BOARD_READING; overwritten by the next."""
         for _ in range(_TRIES):
             self.post(None)
             reading = self.collect(self._answer)
@@ -340,7 +340,7 @@ class Board:
         raise DriverError(f"the firmware at {self.path} does not respond; check the cable and the device's supply")
 
     def set(self, steps: list[int]) -> Reading:
-        """New duties in signed steps, and one reading. Raises DriverError if the firmware refuses them or is silent."""
+        """Set duties in signed steps, and return a reading. DriverError if the firmware refuses them or is silent."""
         self.post(np.array(steps, np.int64))
         reading = self.collect(self._answer)
         if reading is None:
@@ -348,12 +348,12 @@ class Board:
         return Reading.of(reading)
 
     def post(self, steps: Numbers | None) -> None:
-        """Send new duties (3,) in signed steps, or without them only ask for a reading; it is collected later."""
+        """Send new duties (3,) in signed steps, or None to only request a reading; it is collected later."""
         self._first = (self._sequence + 1) & 0xFF
         self.repeat(steps)
 
     def repeat(self, steps: Numbers | None) -> None:
-        """Ask the same as the last `post` again, with a number of its own; any of up to 255 answers will do."""
+        """Repeat the last `post` with a new sequence number; the response to any of up to 255 requests is accepted."""
         sequence = self._next()
         self._waiting = sequence
         self._asked_at[sequence] = self._clock()
@@ -365,14 +365,14 @@ class Board:
 
     @property
     def is_posted(self) -> bool:
-        """A question waits for its answer to be collected."""
+        """Whether a response is pending."""
         return self._waiting is not None
 
     def collect(self, patience: float) -> Records | None:
-        """The answer to `post`, (1,) BOARD_READING, waiting at most `patience` [s]; None if it did not come.
-        The next one is written over it.
+        """Collect the response to `post`, (1,) BOARD_READING, waiting at most `patience` [s]; None if it did not come.
+        The next one overwrites it.
 
-        Raises DriverError if the firmware refuses what was posted, or if what it answers is no reading.
+        Raises DriverError if the firmware refuses the request, or if its response is no reading.
         """
         if self._waiting is None:
             return None
@@ -387,19 +387,19 @@ class Board:
             if answer == Reply.OTHER:
                 raise _refusal_error(READING, parser.frame(int(self._at[0])))
             if answer == Reply.BENT:
-                Reading.parse(parser.frame(int(self._at[0])).payload)  # says what is wrong with it
+                Reading.parse(parser.frame(int(self._at[0])).payload)  # raises with the reason
             if monotonic() >= end:
                 return None
 
     def close(self) -> bool:
-        """Coils off if the line still works, then the port; whether the firmware said that they are. May be called
-        twice."""
+        """Switch the coils off if the line still works, then close the port; return whether the firmware confirmed off.
+        May be called twice."""
         try:
             self._send(Frame(Command.OFF, self._next(), b""))
             frame, _ = self._await_frame(STATE, self._sequence, self._answer)
             return frame is not None and BoardState.parse(frame.payload).mode is not BoardMode.ENGAGED
         except DriverError:
-            return False  # the line is lost: the firmware's own watchdog has switched off
+            return False  # the line is lost: the firmware's own watchdog switches off
         finally:
             self._port.close()
 
@@ -410,20 +410,20 @@ def _refusal_error(kind: int, frame: Frame) -> DriverError:
 
 
 # --------------------------------------------------------------------------------------------------
-# When a board answered, by the clock of the loop that asked it.
+# Time of a board's response on the clock of the loop.
 
 
-#: From a question's sending to its answer's making [s]: 13 bytes at 1 Mbaud, and their check. What a USB bridge adds is
-#: the same for all values in one reply; between its parts the board's own clock counts.
+#: From sending a request to composing its response [s]: 13 bytes at 1 Mbaud, and their check. The delay of a USB bridge
+#: is the same for all values in one response; their relative ages are by the board's own clock.
 _LINE_DELAY = 0.25e-3
 
 
 @final
 class BoardTime:
-    """The last two ticks, by the loop's clock and by the `clock` that gives the time of a request [s].
+    """Times of the last two ticks, on the loop's clock and on the `clock` of requests [s].
 
-    An answer is as old as its question, and not as the tick in which it is found: a tick may come late, and the answer
-    has then been lying there.
+    A response is as old as its request, and not as the tick in which it is read: if a tick is late, the response was
+    waiting in the buffer.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
@@ -431,17 +431,17 @@ class BoardTime:
         self._before = self._here = (0.0, 0.0)
 
     def tick(self, now: float) -> None:
-        """The tick at `now` [s] has begun."""
+        """Record the begin of the tick at `now` [s]."""
         self._before, self._here = self._here, (now, self._clock())
 
     def time_of_answer(self, asked: float) -> float:
-        """When the board answered what it was asked at `asked` [s by `clock`], by the loop's clock [s].
+        """Time of the response to the request at `asked` [s, `clock`] on the loop's clock [s].
 
         >>> time = iter([10.0, 11.5])
         >>> board = BoardTime(lambda: next(time))
         >>> board.tick(0.0)
         >>> board.tick(1.0)                         # half a second late
-        >>> round(board.time_of_answer(10.25), 5)         # asked a quarter of a second after the first began
+        >>> round(board.time_of_answer(10.25), 5)         # requested 0.25 s after the first began
         0.25025
         """
         at, start = self._here if asked >= self._here[1] else self._before
@@ -449,7 +449,7 @@ class BoardTime:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the board has reported so far: every reply brings a part, and a sample is made of the parts.
+# Assembly of samples: every response contains a part of the readings.
 
 
 #: A current sensor converts for 0.53 ms and reports the last whole conversion, whose middle was 0.53 ms ago on average;
@@ -464,8 +464,8 @@ def _split_reading(
     reading: Records, radial: Array, axes: int, span: float, currents: Array, temperatures: Array, field: Array,
     present: NDArray[np.bool_],
 ) -> tuple[float, float]:  # fmt: skip
-    """The values of a `reading` into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `present` by axis and
-    block. Returns the ages of currents and field [s]."""
+    """Split a `reading` into currents (m,) [A], temperatures (m,) [K], field (k, 3) [T]; `present` by axis and block.
+    Return the ages of currents and field [s]."""
     r = reading[0]
     for i in range(len(currents)):
         currents[i] = r.currents[i]
@@ -478,7 +478,7 @@ def _split_reading(
 
 @final
 class BoardSample:
-    """Currents, temperatures and the field of `hall`, as they come in, and when they were so."""
+    """Latest currents, temperatures and field of `hall`, with their times."""
 
     def __init__(self, hall: HallSensors) -> None:
         self.hall = hall
@@ -487,11 +487,11 @@ class BoardSample:
         self._currents, self._temperatures = np.zeros(CHANNELS), np.full(CHANNELS, np.nan)
         self._field = self._nothing.copy()
         self._present = np.zeros((3, len(BLOCKS)), np.bool_)
-        self.take(make_reading(), 0.0)  # compiled in advance; it changes nothing, as it has no new values
+        self.update(make_reading(), 0.0)  # compiles in advance; no effect, as the reading has no new values
         self._temperatures[:] = np.nan
 
-    def take(self, reading: Records, sent: float) -> None:
-        """A reading, (1,) BOARD_READING, and when the firmware sent it [s], on the clock of `sample`."""
+    def update(self, reading: Records, sent: float) -> None:
+        """Update with a reading, (1,) BOARD_READING, that the firmware sent at `sent` [s], on the clock of `sample`."""
         hall = self.hall
         age, hall_age = _split_reading(
             reading, hall.radial, hall.axes, hall.span, self._currents, self._temperatures, self._field, self._present
@@ -501,11 +501,11 @@ class BoardSample:
 
     @property
     def complete(self) -> bool:
-        """Every sensor has been read once."""
+        """Whether every sensor has been read once."""
         return bool(self._present[: self.hall.axes].all() and np.isfinite(self._temperatures).all())
 
     def sample(self, now: float, pose: Pose) -> Sample:
-        """The sample at `now` [s]; field that was not reported since the last one is NaN."""
+        """Compose the sample at `now` [s]; field that was not reported since the last one is NaN."""
         field, self._field = self._field, self._nothing.copy()
         return Sample(
             now, self._currents.copy(), self._temperatures.copy(), field, pose,
@@ -513,37 +513,38 @@ class BoardSample:
         )  # fmt: skip
 
 
-_LOST_IN_A_ROW = 3  #: repeated readings until the device counts as silent, with current in its coils
-_LOST_AT_REST = 20  #: the same while it is not engaged: a busy computer is no danger then
+_LOST_IN_A_ROW = 3  #: successive lost responses until the device counts as silent, while engaged
+_LOST_AT_REST = 20  #: the same while not engaged: a busy computer is no danger then
 _REPEAT_AFTER_S = (
     5e-3  #: after this wait for a reply the request is repeated: 15 ms of silence switch the coils off [s]
 )
-_TIMES = 10  #: at most, in all of the patience: who has much of it has an emulator that runs slower than time
-_RETRY = 0.25  #: between two attempts to reach a port that has gone [s]
-_MEETING = 0.2  #: for an answer when the port is back [s]; no Arduino restarts in the middle of a loop
-_REQUIRED = 0xFF  #: every part
+_MAX_REPETITIONS = 10  #: most repetitions within the patience: a long one is for an emulator slower than real time
+_RETRY_INTERVAL_S = 0.25  #: between two attempts to reopen a lost port
+_RECONNECT_TIMEOUT_S = 0.2  #: response timeout at reconnecting; no Arduino restarts in the middle of a loop
+_REQUIRED = 0xFF  #: mask of all parts
 
 
 @final
 class SerialDriver(Driver):
-    """Three coils, their currents and temperatures and nine Hall sensors behind the firmware at `path`.
+    """Driver of three coils, current and temperature sensors and nine Hall sensors through the firmware at `path`.
 
-    `write` sends the duties, or at rest a question, and returns at once; the answer, with the readings, is collected by
-    the next `read`. So a sample is one period old: it says how old its currents and its field are. Each answer brings
-    one axis of four or five Hall sensors; the rest of a sample's `field` is NaN.
+    `write` sends the duties, or at rest a request, and returns at once; the response, with the readings, is collected
+    by the next `read`. So a sample is one period old: it states the ages of its currents and its field. Each response
+    contains one axis of four or five Hall sensors; the rest of a sample's `field` is NaN.
 
     The coils are engaged by the first duties that are not zero after `open` or `engage`. When the firmware trips, when
-    the line falls silent or the port disappears, `read` raises DriverError with the reason, duties are zero, and stay
-    zero, port or no port, until `engage` is called: that is for a person to do. A port that comes back is found again
-    by the next `read`, a quarter of a second later at the latest.
+    the line falls silent or the port disappears, `read` raises DriverError with the reason, and duties are zero until
+    the user calls `engage`, even if the port returns. A port that returns is reopened by the next `read`, 0.25 s later
+    at the latest.
 
-    pose(now) is the tracker's word on where the tool is; without it no pose is ever valid. `patience` [s] is how long
-    `read` waits for the answer to the last tick's frame, sent again every 5 ms meanwhile; three unanswered in a row are
-    a device that has gone, twenty while no current may flow. A trip because this computer was silent is a HostSilent.
+    pose(now) is the tracker's pose of the tool; without it no pose is ever valid. `patience` [s] is how long `read`
+    waits for the response to the last tick's frame, which is repeated every 5 ms meanwhile; the device counts as lost after
+    three successive missing responses, twenty while no current may flow. A trip because this computer was silent is a
+    HostSilent.
     duty_limit [1] and current_limit [A] are the limits sent to the firmware for this session; by default 5 % above
-    the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and refuses a
-    board whose Hall sensors have fewer than `hall_axes`. `clock` runs as fast as the board's time does: an emulated one
-    may be slow.
+    the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and rejects a
+    board whose Hall sensors have fewer than `hall_axes`. `clock` runs at the rate of the board's time: that of an
+    emulated one may be slow.
     """
 
     simulated = False
@@ -565,7 +566,7 @@ class SerialDriver(Driver):
         self.name = f"serial:{path}"
         self._path = path
         self._pose = pose
-        # the guard's limit first, then this one, which the firmware holds by itself
+        # above the guard's limit, which acts first; the firmware enforces this one
         limit = 1.05 * float(np.max(device.coils.current_limit)) if current_limit is None else current_limit
         self._session = (duty_limit, min(limit, 65.5))
         self._patience = patience
@@ -579,34 +580,34 @@ class SerialDriver(Driver):
         self._start()
 
     def _start(self) -> None:
-        self._armed = True  # the next duties may engage the coils
+        self._armed = True  # the next non-zero duties may engage the coils
         self._engaged = False
         self._fault = ""
         self._lost = 0
         self._opened = False
         self._applied = np.zeros(CHANNELS)
         self._steps = np.zeros(CHANNELS, np.int64)
-        quantise_duties(self._applied, self._steps)  # compiled before anybody waits
+        quantise_duties(self._applied, self._steps)  # compiles in advance
         self._sample = BoardSample(HallSensors(self._positions))
         self._time = BoardTime(self._clock)
 
     @property
     def identity(self) -> Identity | None:
-        """The device that responds; None while none does."""
+        """Identity of the connected device; None while there is none."""
         return None if self._board is None else self._board.identity
 
     @property
     def field_axes(self) -> Array | None:
-        """(9, 3) unit vectors, if every Hall sensor looks along its own radius only; None: three axes."""
+        """(9, 3) unit vectors, if every Hall sensor measures only its radial component; None: three axes."""
         return self._sample.hall.directions
 
     @property
     def calibration(self) -> bytes | None:
-        """The id in the firmware's EEPROM."""
+        """Calibration id in the firmware's EEPROM."""
         return None if self._board is None else self._board.identity.calibration
 
     def remember(self, calibration: bytes) -> bool:
-        """Write the id into the EEPROM and read it back; coils off."""
+        """Write the id to the EEPROM and read it back; coils off."""
         if self._board is None:
             raise DriverError(f"the device at {self._path} is not open; nothing was stored")
         if self._board.is_posted:
@@ -614,17 +615,17 @@ class SerialDriver(Driver):
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
         self._apply_mode(self._board.switch_off().mode)
-        self._board.keep(calibration)
+        self._board.store_and_wait(calibration)
         return True
 
     @property
     def fault(self) -> str:
-        """Why no current flows, in one clause; empty if it may."""
+        """Reason why no current flows, in one clause; empty if it may."""
         return self._fault
 
     @property
     def coil_state(self) -> CoilState:
-        """As the firmware said last; UNKNOWN from the moment at which it does not answer until it does."""
+        """Coil state of the firmware's last response; UNKNOWN while it does not respond."""
         return self._coils
 
     def _apply_mode(self, mode: float) -> None:
@@ -656,7 +657,7 @@ class SerialDriver(Driver):
         while True:
             reading = board.read_numbers()
             self._apply_mode(reading["mode"][0])
-            self._sample.take(reading, 0.0)
+            self._sample.update(reading, 0.0)
             missing = int(reading["missing"][0])
             if self._sample.complete and not missing & _REQUIRED:
                 return
@@ -673,7 +674,7 @@ class SerialDriver(Driver):
             self._coils = CoilState.OFF if board.close() else CoilState.UNKNOWN
 
     def engage(self) -> None:
-        """A person wants the coils on again: forget a trip; the next duties that are not zero engage them."""
+        """Clear a trip when the user engages; the next duties that are not zero engage the coils."""
         if self._engaged:
             return
         self._armed = True
@@ -688,13 +689,13 @@ class SerialDriver(Driver):
                 raise self._fail(str(cause), gone=True) from cause
 
     def _fail(self, why: str, *, gone: bool = False, as_: type[DriverError] = DriverError) -> DriverError:
-        """No current from now on, until `engage`."""
+        """Latch a failure: no current until `engage`."""
         self._armed = self._engaged = False  # safety: firmware-trip
         self._applied = np.zeros(CHANNELS)
         self._fault = why
         if gone:
             board, self._board = self._board, None
-            self._next_try = monotonic() + _RETRY
+            self._next_try = monotonic() + _RETRY_INTERVAL_S
             self._coils = CoilState.UNKNOWN  # safety: serial-unknown
             if board is not None and board.close():
                 self._coils = CoilState.OFF
@@ -703,16 +704,16 @@ class SerialDriver(Driver):
     def _reconnect(self) -> Board:
         if monotonic() < self._next_try:
             raise DriverError(self._fault)
-        self._next_try = monotonic() + _RETRY
+        self._next_try = monotonic() + _RETRY_INTERVAL_S
         try:
-            self._board = Board(self._path, _MEETING, self._answer, self._clock)
+            self._board = Board(self._path, _RECONNECT_TIMEOUT_S, self._answer, self._clock)
         except DriverError as cause:
-            self._next_try = monotonic() + _RETRY
+            self._next_try = monotonic() + _RETRY_INTERVAL_S
             raise DriverError(f"{self._fault}; retrying: {cause}") from cause
         return self._board
 
     def read(self, now: float) -> Sample:
-        """The sample at `now` [s]: the answer to what the last tick sent."""
+        """Return the sample at `now` [s] from the response to the last tick's frame."""
         if not self._opened:
             raise DriverError(f"the device at {self._path} is not open; use it in a `with` block or call open() first")
         self._time.tick(now)
@@ -731,7 +732,7 @@ class SerialDriver(Driver):
             self._lost = 0
             mode = reading["mode"][0]
             self._apply_mode(mode)
-            self._sample.take(reading, self._time.time_of_answer(board.asked))
+            self._sample.update(reading, self._time.time_of_answer(board.asked))
             if mode != BoardMode.ENGAGED:
                 reading_facts = Reading.of(reading)
                 why = explain_off(reading_facts, self._engaged)
@@ -741,8 +742,8 @@ class SerialDriver(Driver):
         return self._sample.sample(now, self._pose(now))
 
     def _collect_reply(self, board: Board) -> Records | None:
-        """The answer to the last question; meanwhile the same is asked again, and any of the answers will do."""
-        end, pause = monotonic() + self._patience, max(_REPEAT_AFTER_S, self._patience / _TIMES)
+        """Collect the response to the last request, or to any of its repetitions, which are sent meanwhile."""
+        end, pause = monotonic() + self._patience, max(_REPEAT_AFTER_S, self._patience / _MAX_REPETITIONS)
         while True:
             left = end - monotonic()
             reading = board.collect(min(left, pause))
@@ -751,7 +752,7 @@ class SerialDriver(Driver):
             board.repeat(self._steps if self._engaged else None)  # safety: waiting-heard
 
     def write(self, duties: Array) -> Array:
-        """Send `duties` (3,); returns (3,) what was applied: in the PWM's steps, zeros while the coils are off."""
+        """Send `duties` (3,); return those applied (3,): in the PWM's steps, zeros while the coils are off."""
         if duties.shape != (CHANNELS,):
             raise InputError(f"duties must have one entry per coil, shape ({CHANNELS},); got shape {duties.shape}")
         some = quantise_duties(duties, self._steps)
@@ -762,7 +763,7 @@ class SerialDriver(Driver):
             if not (self._engaged or (self._armed and some)):
                 if not board.is_posted:
                     # safety: rest-asked
-                    board.post(None)  # so that the next tick need not wait for all of the answer
+                    board.post(None)  # so that the next tick need not wait for the whole response
                 return np.zeros(CHANNELS)
             why = "" if self._engaged else self._refusal(board)
             if not why:
@@ -776,11 +777,11 @@ class SerialDriver(Driver):
         return self._applied.copy()
 
     def _refusal(self, board: Board) -> str:
-        """Engage; why the firmware does not want to, or nothing."""
+        """Engage; return the reason if the firmware refuses, else an empty text."""
         if board.is_posted:
             board.collect(self._patience)
         self._armed = False
-        self._coils = CoilState.ON  # from here on it may be
+        self._coils = CoilState.ON  # possible from here on
         state = board.engage(*self._session)
         self._apply_mode(state.mode)
         return refusal(state)

@@ -1,4 +1,4 @@
-"""What the host says to the firmware: its commands.
+"""Serial protocol of the firmware: frames, commands and responses.
 
 Byte layouts, states and times are in docs/reference/protocol.md; the firmware's side is `core/bridge.c`. Frames that
 both sides must make and read alike are in `firmware/vectors/frames.txt`.
@@ -68,31 +68,31 @@ __all__ = [
 # Frames on the serial line: A5 5A, length, type, sequence, payload, CRC-16, as the firmware's `core/frame.c` has them.
 #
 # The check sum is CRC-16/CCITT-FALSE over length, type, sequence and payload, low byte first. Writing, finding and
-# checking are compiled: what runs once a millisecond finds the processor's caches full of other data, and the
-# interpreter then takes six times as long as in a loop of its own.
+# checking are compiled: code that runs once a millisecond runs with cold caches, where the interpreter takes six times
+# as long as in a tight loop.
 
 
 SYNC = b"\xa5\x5a"
-PAYLOAD_MAX = 40  #: bytes
-HEAD = 5  #: bytes before the payload: sync, length, type, sequence
+PAYLOAD_MAX = 40  #: [bytes]
+HEAD = 5  #: length before the payload [bytes]: sync, length, type, sequence
 
 _TAIL = 2
 _FRAME_MAX = HEAD + PAYLOAD_MAX + _TAIL
-_CHUNK = 512  #: taken from the line at once
+_CHUNK_BYTES = 512  #: read from the line at once
 
 Octets = NDArray[np.uint8]
 Numbers = NDArray[np.int64]
 
-#: What of the line's bytes is still to be looked at.
+#: State of the receive buffer.
 HELD = fields(
-    ("begin", "i8"),  # the first byte that has not been looked at
+    ("begin", "i8"),  # the first byte that was not parsed
     ("end", "i8"),  # one past the last
-    ("damaged", "i8"),  # frames so far
+    ("damaged", "i8"),  # count of damaged frames
 )
 
 
 class Frame(NamedTuple):
-    """One message: what kind, which number, and what it carries."""
+    """One message: type, sequence number and payload."""
 
     type: int
     sequence: int
@@ -101,7 +101,7 @@ class Frame(NamedTuple):
 
 @kernel
 def _check(line: Octets, first: int, last: int) -> int:
-    """CRC-16/CCITT-FALSE of the bytes `first` ≤ i < `last`; eight shifts of the polynomial in one, as `core/crc.c`."""
+    """CRC-16/CCITT-FALSE of the bytes `first` ≤ i < `last`; a whole byte at once, as `core/crc.c`."""
     crc = 0xFFFF
     for i in range(first, last):
         x = (crc >> 8) ^ line[i]
@@ -112,7 +112,7 @@ def _check(line: Octets, first: int, last: int) -> int:
 
 @kernel
 def seal_frame(line: Octets, kind: int, sequence: int, length: int) -> int:
-    """Head and check sum around a payload of `length` bytes that is in `line` from HEAD on; the frame's length."""
+    """Add head and checksum to a payload of `length` bytes in `line` from HEAD on; return the frame's length."""
     line[0], line[1], line[2], line[3], line[4] = 0xA5, 0x5A, length, kind, sequence
     end = HEAD + length
     crc = _check(line, 2, end)
@@ -122,7 +122,7 @@ def seal_frame(line: Octets, kind: int, sequence: int, length: int) -> int:
 
 @kernel
 def find_frame(line: Octets, held: Records) -> int:
-    """Where the next whole frame begins in `line`; −1: nowhere, and what may be the beginning of one is in front.
+    """Find the next complete frame in `line`; return its index, or −1, with a partial frame moved to the front.
 
     held is (1,) HELD.
     """
@@ -165,7 +165,7 @@ def crc16(data: bytes) -> int:
 
 
 def encode(frame: Frame) -> bytes:
-    """The bytes of `frame` on the line; InputError if its payload is too long or a number is no byte.
+    """Encode `frame` to bytes; InputError if its payload is too long or a number is no byte.
 
     >>> encode(Frame(0x06, 6, b"")).hex(" ")
     'a5 5a 00 06 06 fc 06'
@@ -182,27 +182,27 @@ def encode(frame: Frame) -> bytes:
 
 @final
 class FrameParser:
-    """Finds frames in a stream of bytes. After a damaged one it looks again from the byte behind its sync.
+    """Finds frames in a stream of bytes. After a damaged one the search continues at the byte after its sync.
 
-    Never holds more than one frame's bytes. For those who read the line themselves: bytes go into `room`, and `took`
-    says how many; `line` and `held` are as `find_frame` takes them.
+    It buffers at most one frame. Callers that read the line themselves write to `free_space` and then call `commit`;
+    `line` and `held` are the arguments of `find_frame`.
     """
 
     def __init__(self) -> None:
-        self.line = np.zeros(_FRAME_MAX + _CHUNK, np.uint8)
+        self.line = np.zeros(_FRAME_MAX + _CHUNK_BYTES, np.uint8)
         self.held = np.zeros(1, HELD)
         self._begin, self._end = self.held["begin"], self.held["end"]
         self._all = self.line.data
-        find_frame(self.line, self.held)  # compiled before anybody waits
+        find_frame(self.line, self.held)  # compiles in advance
 
     @property
     def bad_frames(self) -> int:
-        """Check sums that were wrong and lengths that no frame has."""
+        """Number of frames with a wrong checksum or an invalid length."""
         return int(self.held["damaged"][0])
 
     @property
     def free_space(self) -> memoryview:
-        """Where the next bytes go: always some, as what has been found already is given up for it."""
+        """Buffer for the next bytes; never empty, as parsed bytes are discarded for it."""
         begin, end = int(self._begin[0]), int(self._end[0])
         if begin:
             self.line[: end - begin] = self.line[begin:end].copy()
@@ -211,29 +211,29 @@ class FrameParser:
         return self._all[end:]
 
     def commit(self, count: int) -> None:
-        """So many bytes were put into `room`."""
+        """Add `count` bytes that were written to `free_space`."""
         self._end[0] += count
 
     def frame(self, at: int) -> Frame:
-        """The frame that `find_frame` found."""
+        """Decode the frame at the index `at` of `find_frame`."""
         whole = self.line[at : at + HEAD + int(self.line[at + 2])].tobytes()
         return Frame(whole[3], whole[4], whole[HEAD:])
 
     def next(self) -> Frame | None:
-        """The next whole frame of what has come."""
+        """Return the next complete frame of the received bytes."""
         at = find_frame(self.line, self.held)
         return None if at < 0 else self.frame(at)
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that are complete after `data`.
+        """Add `data`, and return the complete frames.
 
         >>> parser = FrameParser()
         >>> parser.feed(b"noise" + encode(Frame(1, 2, b"x"))[:6]), parser.feed(encode(Frame(1, 2, b"x"))[6:])
         ([], [Frame(type=1, sequence=2, payload=b'x')])
         """
         frames = []
-        for begin in range(0, len(data), _CHUNK):
-            part = data[begin : begin + _CHUNK]
+        for begin in range(0, len(data), _CHUNK_BYTES):
+            part = data[begin : begin + _CHUNK_BYTES]
             self.free_space[: len(part)] = part
             self.commit(len(part))
             while (frame := self.next()) is not None:
@@ -259,7 +259,7 @@ class Command(IntEnum):
 
 READING = 0x83
 STATE = 0x84
-SET_BYTES = 13  #: of the frame with three duties
+SET_BYTES = 13  #: length of the frame with three duties [bytes]
 
 
 _ENGAGE = Struct("<3H")
@@ -268,21 +268,21 @@ _SET = int(Command.SET)
 
 @kernel
 def set_line(line: Octets, sequence: int, steps: Numbers) -> int:
-    """Write the frame that sets the coils' duties, in signed steps (3,), to the front of `line`; its length."""
+    """Write the frame that sets the coils' duties, in signed steps (3,), to the front of `line`; return its length."""
     for i in range(CHANNELS):
         line[HEAD + 2 * i], line[HEAD + 2 * i + 1] = steps[i] & 0xFF, steps[i] >> 8 & 0xFF
     return seal_frame(line, _SET, sequence, 2 * CHANNELS)
 
 
 def set_duties(sequence: int, steps: list[int]) -> Frame:
-    """The frame that sets the coils' duties, in signed steps."""
+    """Make the frame that sets the coils' duties, in signed steps."""
     line = np.empty(SET_BYTES, np.uint8)
     set_line(line, sequence, np.array(steps, np.int64))
     return Frame(Command.SET, sequence, line[HEAD : HEAD + 2 * CHANNELS].tobytes())
 
 
 def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) -> Frame:
-    """The frame that engages the coils for a session, at most `duty_limit` [1] and `current_limit` [A].
+    """Make the frame that engages the coils for a session, at most `duty_limit` [1] and `current_limit` [A].
 
     The firmware never exceeds its own limits, whatever the host requests.
 
@@ -297,11 +297,11 @@ def engage(sequence: int, duty_limit: float = 1.0, current_limit: float = 65.5) 
 
 
 # --------------------------------------------------------------------------------------------------
-# Numbers of the firmware that stand for words: what it lets the coils do, why not, and which part does not answer.
+# Codes of the firmware: state of the coils, reasons, refusals, and missing parts.
 
 
 class BoardMode(IntEnum):
-    """What the firmware lets the coils do."""
+    """State of the coils in the firmware."""
 
     OFF = 0
     ENGAGED = 1
@@ -309,7 +309,7 @@ class BoardMode(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the firmware switched off; `text` says what to do."""
+    """Why the firmware switched off; `text` states what to do."""
 
     NONE = 0
     SILENCE = 1
@@ -328,7 +328,7 @@ class Reason(IntEnum):
 
     @property
     def text(self) -> str:
-        """One clause: what happened and what to look at.
+        """One clause: what happened and what to check.
 
         >>> Reason.SILENCE.text
         'the host was silent for 15 ms (a busy computer, or an unplugged cable)'
@@ -355,7 +355,7 @@ _CODES_REASONS = {
 
 
 class Refusal(IntEnum):
-    """What the firmware answers to a command that changes its state."""
+    """Response of the firmware to a command that changes its state."""
 
     ACCEPTED = 0
     KEY = 1
@@ -370,7 +370,7 @@ class Refusal(IntEnum):
     EEPROM = 10
 
 
-#: bit in `missing` → which part, where
+#: bit in `missing` → part and address
 _PARTS = (
     "PWM driver PCA9685 at 0x60",
     "current sensor INA219 of coil x at 0x41",
@@ -384,7 +384,7 @@ _PARTS = (
 
 
 def missing_chips(mask: int) -> tuple[str, ...]:
-    """The parts that do not answer, with their addresses.
+    """Parts that do not respond, with their addresses.
 
     >>> missing_chips(0b100)
     ('current sensor INA219 of coil y at 0x44',)
@@ -393,11 +393,11 @@ def missing_chips(mask: int) -> tuple[str, ...]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the firmware says of itself: who it is, what it never exceeds, what it lets the coils do.
+# Responses on the firmware itself: identity, limits, state.
 
 
 def unpack_payload(layout: Struct, payload: bytes, what: str) -> tuple[int, ...]:
-    """The numbers in the `payload` of a firmware's `what`; DriverError if that has another length."""
+    """Unpack the `payload` of a firmware's `what`; DriverError if it has another length."""
     try:
         return layout.unpack(payload)
     except StructError as cause:
@@ -413,25 +413,25 @@ _REFUSALS = {int(one): one for one in Refusal}
 
 
 def reason(value: int) -> Reason:
-    """The reason `value`; NONE for an unknown one."""
+    """Convert `value` to a reason; NONE for an unknown one."""
     return _REPLIES_REASONS.get(value, Reason.NONE)
 
 
 def board_mode(value: int) -> BoardMode:
-    """The state `value`; in an unknown one, no current may be requested."""
+    """Convert `value` to a state; in an unknown one, no current may be requested."""
     return _STANDINGS.get(value, BoardMode.TRIPPED)
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answers at the other end of the line."""
+    """Identity of the connected device."""
 
     protocol: int
     version: tuple[int, int]
     board: str
     channels: int
-    hall_sensors: int  #: places
-    hall_axes: int  #: of each: 3, or 1, the radial one
+    hall_sensors: int  #: number of positions
+    hall_axes: int  #: axes of each: 3, or 1, the radial one
     thermometers: int
     reset: Reason
     name: str
@@ -441,7 +441,7 @@ class Identity:
 
     @classmethod
     def parse(cls, payload: bytes) -> Identity:
-        """From the answer to IDENTIFY; DriverError if it is another protocol's."""
+        """Parse the response to IDENTIFY; DriverError if it has another protocol."""
         if len(payload) < 1 or payload[0] != PROTOCOL_VERSION:
             other = payload[0] if payload else "none"
             raise DriverError(
@@ -468,7 +468,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class BoardLimits:
-    """What the firmware never exceeds, and what it was asked for in this session."""
+    """Limits of the firmware, and those requested for this session."""
 
     duty: float  #: [1]
     current: float  #: [A]
@@ -476,15 +476,15 @@ class BoardLimits:
     session_current: float  #: [A]
     silence: float  #: [s]
     sustained_current: float  #: [A]
-    heat: float  #: store above the sustained current [A²·s]
+    heat: float  #: heat budget above the sustained current [A²·s]
     boundary: float  #: thermometer limit [K]
-    current_step: float  #: of one reading [A]
+    current_step: float  #: resolution of a current [A]
 
     _LAYOUT = Struct("<7Hh2H")
 
     @classmethod
     def parse(cls, payload: bytes) -> BoardLimits:
-        """From the answer to LIMITS; DriverError if that has another length."""
+        """Parse the response to LIMITS; DriverError if it has another length."""
         duty, current, s_duty, s_current, silence, sustained, heat, hot, _, step = unpack_payload(
             cls._LAYOUT, payload, "limits"
         )
@@ -503,7 +503,7 @@ class BoardLimits:
 
 @dataclass(frozen=True, slots=True)
 class BoardState:
-    """The answer to ENGAGE, OFF and STORE."""
+    """Response to ENGAGE, OFF and STORE."""
 
     mode: BoardMode
     reason: Reason
@@ -514,18 +514,18 @@ class BoardState:
 
     @classmethod
     def parse(cls, payload: bytes) -> BoardState:
-        """From its payload; DriverError if that has another length."""
+        """Parse its payload; DriverError if it has another length."""
         state, why, missing, refusal = unpack_payload(cls._LAYOUT, payload, "state")
         return cls(board_mode(state), reason(why), missing, _REFUSALS.get(refusal, Refusal.FRAME))
 
 
 # --------------------------------------------------------------------------------------------------
-# What the firmware has read: the answer to SET and READ, a thousand of them a second.
+# Readings of the firmware: the response to SET and READ, a thousand a second.
 #
-# It comes out of the line in one compiled pass, into a record that is used again; `Reading` puts it in words.
+# Parsed in one compiled pass into a reused record; `Reading` is the readable form.
 
 
-#: first sensors and one past the last of what is read together: an axis of these
+#: sensors that are read together: first and one past the last; one axis each
 BLOCKS = ((0, 5), (5, HALL_SENSORS))
 
 READING_BYTES = 36
@@ -533,16 +533,16 @@ READING_BYTES = 36
 _SECOND = BLOCKS[1][0]
 _NO_TEMPERATURE = 0x7FFF
 _NO_HALL = 0xFFFF
-_REPEATED = 0x80  #: in the group's number: it has been reported before
+_REPEATED = 0x80  #: flag in the group's number: it has been reported before
 _AXES = 3
 
 
-#: A reading in SI.
+#: A reading in SI units.
 BOARD_READING = fields(
     ("mode", "i8"),  # a BoardMode
     ("reason", "i8"),  # a Reason
-    ("missing", "i8"),  # bits of the parts that do not answer
-    ("applied", "f8", (3,)),  # duties that the coils have [1]
+    ("missing", "i8"),  # bits of the parts that do not respond
+    ("applied", "f8", (3,)),  # applied duties [1]
     ("currents", "f8", (3,)),  # [A]
     ("axis", "i8"),  # of the Hall readings: 0, 1, 2 for x, y, z
     ("first", "i8"),  # number of the first Hall sensor
@@ -559,16 +559,16 @@ BOARD_READING = fields(
 
 
 class Reply(IntEnum):
-    """What was found on the line."""
+    """Result of `find_answer`."""
 
     NOTHING = 0  #: not yet
     READING = 1
-    OTHER = 2  #: a state instead: the firmware did not take the command
-    BENT = 3  #: a reading of another length, or of parts that there are not
+    OTHER = 2  #: a state instead: the firmware did not accept the command
+    BENT = 3  #: a reading of another length, or with invalid indices
 
 
 def make_reading() -> Records:
-    """(1,) BOARD_READING, zeros: nothing is driven, nothing is reported."""
+    """Make a (1,) BOARD_READING of zeros: coils off, no new readings."""
     return np.zeros(1, BOARD_READING)
 
 
@@ -585,7 +585,7 @@ def _read_signed(line: Octets, at: int) -> int:
 
 @kernel
 def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
-    """Fill `reading`, (1,) BOARD_READING, from the payload at `at`; False if it names what there is not."""
+    """Fill `reading`, (1,) BOARD_READING, from the payload at `at`; False if it contains invalid indices."""
     group, thermometer = int(line[at + 16]), int(line[at + 27])
     axis, block = (group & (_REPEATED - 1)) // 2, group & 1
     if axis >= _AXES or thermometer >= THERMOMETERS:
@@ -609,9 +609,9 @@ def _fill_reading(line: Octets, at: int, reading: Records) -> bool:
 
 @kernel
 def find_answer(line: Octets, held: Records, first: int, last: int, reading: Records, at: Numbers) -> int:
-    """Look on the line for the answer to a SET or READ numbered `first` to `last`; one fills `reading`. A `Reply`.
+    """Find the response to a SET or READ numbered `first` to `last`, and fill `reading`; return a `Reply`.
 
-    Numbers begin again after 255. line, held as `frames.find_frame` takes them; at (1,): where the frame was found.
+    Numbers wrap after 255. line, held as for `find_frame`; at (1,): index of the frame.
     """
     while True:
         begin = find_frame(line, held)
@@ -627,17 +627,17 @@ def find_answer(line: Octets, held: Records, first: int, last: int, reading: Rec
 
 
 class Reading(NamedTuple):
-    """In SI.
+    """A reading in SI units.
 
-    applied       (3,) duties that the coils have [1]
+    applied       (3,) applied duties [1]
     currents      (3,) [A]
     hall_axis     of the Hall readings: 0, 1, 2 for x, y, z; 0 for radial sensors
     hall_first    number of the first Hall sensor in `hall`
     hall          (4 or 5,) of the converter's range, 0…1; NaN before the first reading
-    hall_fresh    not reported before
-    hall_age      of `hall` when this was sent [s]
+    hall_fresh    whether `hall` was not reported before
+    hall_age      age of `hall` when this was sent [s]
     thermometer   which one `temperature` [K] is of; NaN while it has none
-    age           of the oldest of the currents when this was sent [s]
+    age           age of the oldest of the currents when this was sent [s]
     line_errors   damaged frames since the last restart, wraps at 256
     rounds        of the I²C bus, wraps at 256
     """
@@ -660,7 +660,7 @@ class Reading(NamedTuple):
 
     @classmethod
     def of(cls, reading: Records) -> Reading:
-        """In words what `reading`, (1,) BOARD_READING, says in numbers."""
+        """Convert `reading`, (1,) BOARD_READING."""
         r: Record = reading[0]
         count = int(r["count"])
         return cls(
@@ -672,8 +672,7 @@ class Reading(NamedTuple):
 
     @classmethod
     def parse(cls, payload: bytes) -> Reading:
-        """From its payload. Raises DriverError if that has another length, or names a Hall group or a thermometer that
-        there is not."""
+        """Parse its payload. DriverError if it has another length, or contains an invalid Hall group or thermometer."""
         if len(payload) != READING_BYTES:
             raise DriverError(
                 f"the firmware's reading has {len(payload)} bytes where protocol {PROTOCOL_VERSION} has "
@@ -689,15 +688,15 @@ class Reading(NamedTuple):
 
 
 # --------------------------------------------------------------------------------------------------
-# Why the firmware lets no current flow, in one clause: from what it says to what a person reads.
+# Messages: why the firmware allows no current, in one clause.
 
 
-_WARM = 0xE0  #: bits of the thermometers
-_NEEDED = 0x0F  #: bits of the parts without which nothing is driven
+_THERMOMETERS = 0xE0  #: mask of the thermometers
+_NEEDED = 0x0F  #: mask of the parts without which no current is allowed
 
 
 def explain_off(reading: Reading, engaged: bool) -> str:
-    """A trip, or an unrequested restart while the host took it for `engaged`; empty if neither.
+    """Explain a trip, or an unrequested restart while `engaged`; empty if neither occurred.
 
     >>> from haptorb.runtime.drivers.serial_protocol import make_reading
     >>> explain_off(Reading.of(make_reading()), engaged=True)
@@ -713,7 +712,7 @@ def explain_off(reading: Reading, engaged: bool) -> str:
 
 
 def refusal(state: BoardState) -> str:
-    """Why it did not take the command that it answers with `state`; empty if it did."""
+    """Explain why the firmware refused the command to which it responded with `state`; empty if it accepted it."""
     if state.refusal is Refusal.ACCEPTED:
         return ""
     reasons = {
@@ -722,7 +721,7 @@ def refusal(state: BoardState) -> str:
         Refusal.TRIPPED: f"it tripped: {state.reason.text}",
         Refusal.HOT: Reason.HOT.text,
         Refusal.THERMOMETER: "the coil temperature is unknown: "
-        + (", ".join(missing_chips(state.missing & _WARM)) or "a thermometer")
+        + (", ".join(missing_chips(state.missing & _THERMOMETERS)) or "a thermometer")
         + " has sent nothing for 4 s (check its wire; after a restart wait two seconds)",
         Refusal.WRITING: "its calibration is being written (try again)",
         Refusal.EEPROM: "its EEPROM does not store data: the chip may be worn out",

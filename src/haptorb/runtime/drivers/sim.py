@@ -1,4 +1,4 @@
-"""The simulated driver: a device, its tool and a hand that exist only as equations, behind the door of a real one."""
+"""Driver of a simulated device, its tool and a hand, with the interface of a real one."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from haptorb.simulation.registry import simulate
 __all__ = ["HandTarget", "ImperfectTracker", "PoseDistortion", "SimDriver"]
 
 
-_LEAD = 150e-6  #: twice what a simulated device takes to move on by one tick, and to read its sensors [s] …
-_LEAD_PER_COIL = 2.5e-6  #: … and for many coils, of each [s]
-_CATCH_UP = 0.1  #: a longer pause of the loop is a pause of the simulated world too [s]
+_LEAD_S = 150e-6  #: twice the computing time of one tick of the simulation, including its sensors …
+_LEAD_PER_COIL_S = 2.5e-6  #: … and additionally for each of many coils
+_MAX_CATCH_UP_S = 0.1  #: longest simulated step; a longer pause of the loop pauses the simulation
 
 
 class HandTarget(Protocol):
-    """Where the simulated hand wants the mover; what a pointer says."""
+    """Goal of the simulated hand for the mover, such as a pointer's."""
 
     @property
     def p(self) -> Array:
@@ -43,28 +43,28 @@ class HandTarget(Protocol):
 
     @property
     def stamp(self) -> float:
-        """When this was said, on the loop's clock [s]."""
+        """Timestamp on the loop's clock [s]."""
 
     @property
     def held(self) -> bool:
-        """A person holds the pointer."""
+        """Whether the user holds the pointer."""
 
     @property
     def still(self) -> bool:
-        """The hand rests, and gives way to what pushes it."""
+        """Whether the hand rests and yields to forces."""
 
 
 @final
 class SimDriver(Driver):
-    """Advances `simulation` by whole servo periods, as many as passed since the last `read`, then samples it.
+    """Driver that advances `simulation` by the whole servo periods since the last `read`, then samples it.
 
-    period [s] is the servo's. `goal(now)` says where the hand wants the mover; without it the hand stays at the start.
-    Time passes in `prepare`, before the tick, as it does for a real device between two ticks; `read` hands over what
-    its sensors said. Who does not prepare waits in `read` for the same result.
-    Like a real device it switches its coils off by itself when no `read` comes for 20 ms (two periods, if these are
-    longer), and does not latch it: the guard starts its ramp again.
-    The pose is as old as the goal while a person holds the pointer, so that a console that has gone lets it expire;
-    else it is fresh. Time is the argument of `read`: two runs with the same times, goals and duties are equal to the
+    period [s] is the servo's. `goal(now)` returns the goal of the hand; without it the hand stays at the start.
+    The simulation advances in `prepare`, before the tick, as a real device does between two ticks; `read` returns the
+    sensors' readings. Without `prepare`, `read` does both, with the same result.
+    Like a real device it switches its coils off when there is no `read` for 20 ms (two periods, if these are
+    longer), and does not latch that: the guard starts its ramp again.
+    The pose is as old as the goal while the user holds the pointer, so that it expires when the console has ended;
+    else it is current. Time is the argument of `read`: two runs with the same times, goals and duties are equal to the
     bit.
 
     Raises InputError if `period` is not above 0 and at most 0.1 s.
@@ -76,10 +76,10 @@ class SimDriver(Driver):
     def __init__(
         self, simulation: Simulation, period: float, goal: Callable[[float], HandTarget] | None = None, *, seed: int = 0
     ) -> None:
-        if not (np.isfinite(period) and 0.0 < period <= _CATCH_UP):
-            raise InputError(f"period of the servo must be above 0 and at most {_CATCH_UP} s; got {period} s")
+        if not (np.isfinite(period) and 0.0 < period <= _MAX_CATCH_UP_S):
+            raise InputError(f"period of the servo must be above 0 and at most {_MAX_CATCH_UP_S} s; got {period} s")
         self.simulation = simulation
-        self.lead = max(_LEAD, _LEAD_PER_COIL * simulation.device.channels)
+        self.lead = max(_LEAD_S, _LEAD_PER_COIL_S * simulation.device.channels)
         self.goal = goal
         self._period = float(period)
         self._silence = silence_of(self._period)
@@ -91,7 +91,7 @@ class SimDriver(Driver):
     def of(
         cls, device: Device, period: float, goal: Callable[[float], HandTarget] | None = None, seed: int = 0
     ) -> SimDriver:
-        """The driver of a simulated `device`; DeviceError if its kind cannot be simulated.
+        """Make the driver of a simulated `device`; DeviceError if its kind cannot be simulated.
 
         >>> from haptorb.devices.loader import load
         >>> with SimDriver.of(load("omni"), 1e-3) as driver:
@@ -104,14 +104,14 @@ class SimDriver(Driver):
     def _start(self) -> None:
         channels = self.simulation.device.channels
         self._duties = np.zeros(channels)
-        self._clock: float | None = None  # time up to which the world has been simulated
+        self._clock: float | None = None  # time of the simulation
         self._hand = RelaxedHand()
-        self._ready: Sample | None = None  # read by `prepare`, not yet by the loop
+        self._ready: Sample | None = None  # sample of `prepare`, not yet read by the loop
         state = self.simulation.state()
         self._target = np.concatenate((state.p, quaternion(state.R_SR)))
 
     def open(self) -> None:
-        """Begin at the start again: coils off, noise from the seed."""
+        """Restart the simulation: coils off, noise from the seed."""
         self.simulation.reset(self._seed)
         self._start()
         self._open = True
@@ -123,14 +123,14 @@ class SimDriver(Driver):
         self._open = False
 
     def prepare(self, now: float) -> None:
-        """Let time pass until `now` [s] and read the sensors, once. Raises DriverError as `read` does."""
+        """Advance the simulation to `now` [s] and read the sensors, once. Raises DriverError as `read` does."""
         if self._ready is None or self._ready.t != now:
             self._ready = None
             self._ready = self._sample(now)
 
     def read(self, now: float) -> Sample:
-        """The sample at `now` [s]; `now` may repeat but never decrease. Raises DriverError if it does, if it is not
-        finite, and while the driver is not open."""
+        """Return the sample at `now` [s]; `now` may repeat but never decrease. Raises DriverError if it does, if it is
+        not finite, and while the driver is not open."""
         ready, self._ready = self._ready, None
         if ready is not None and ready.t == now:
             return ready
@@ -152,7 +152,7 @@ class SimDriver(Driver):
                 valid = stamp - stamp == 0.0
         if self._clock is None:
             if self.goal is not None:
-                with suppress(InputError):  # the hand begins where it wants to be, if that is a place
+                with suppress(InputError):  # the hand begins at its goal, if that is a valid pose
                     self.simulation.place(target[:3], target[3:])
             self._clock = now
         periods = round((now - self._clock) / self._period)
@@ -160,10 +160,10 @@ class SimDriver(Driver):
             raise DriverError(f"the loop's clock went back from {self._clock} s to {now} s")
         if periods:
             self._clock += periods * self._period
-            passed = min(periods * self._period, _CATCH_UP)
-            # A board's watchdog: a loop that is silent for so long finds its coils off.
+            passed = min(periods * self._period, _MAX_CATCH_UP_S)
+            # The watchdog of a board: coils off if the loop is silent for that time.
             # safety: simulated-watchdog
-            if passed > self._silence + 1e-9:  # periods are whole, their sum is not
+            if passed > self._silence + 1e-9:  # tolerance for rounding of the sum of periods
                 self.simulation.advance(self._silence, self._duties, target[:3], target[3:])
                 passed -= self._silence
                 self._duties = np.zeros_like(self._duties)
@@ -171,7 +171,7 @@ class SimDriver(Driver):
         return self.simulation.sample(now, stamp if valid else now, valid)
 
     def _rest(self, now: float) -> Array:
-        """(7,) where a hand is that rests at the target."""
+        """Pose (7,) of a hand that rests at the target."""
         place = self._hand.rest_at(self._target, now)
         if self._hand.is_due(now):
             state = self.simulation.state()
@@ -179,52 +179,52 @@ class SimDriver(Driver):
         return place
 
     def write(self, duties: Array) -> Array:
-        """Chop `duties` (m,) and hold them until the next; returns (m,) what was applied, zeros when not open."""
+        """Quantise and clip `duties` (m,); apply them until the next; return those applied (m,), zeros when not open."""
         if self._open:
             self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
 
     def cool(self) -> None:
-        """The coils are at the ambient temperature, also in a sample that was prepared before."""
+        """Set the coils to the ambient temperature, also in a sample that was prepared before."""
         self.simulation.cool()
         self._ready = None
 
     @property
     def coil_state(self) -> CoilState:
-        """On while any duty is not zero."""
-        # Of a list: numpy's own ways to ask take three to ten times as long.
+        """ON while any duty is not zero."""
+        # On a list: numpy's functions take three to ten times as long.
         return CoilState.ON if any(self._duties.tolist()) else CoilState.OFF
 
     def truth(self) -> Array:
-        """(6,) the mean wrench of coils and core on the mover over the last advance [N, N·m]."""
+        """Mean wrench (6,) of coils and core on the mover over the last advance [N, N·m]."""
         return self.simulation.truth()
 
     def target(self) -> Array:
-        """(7,) where the hand wants the mover: position [m], then quaternion (x, y, z, w). Overwritten by `read`."""
+        """Goal (7,) of the hand: position [m], then quaternion (x, y, z, w). Overwritten by `read`."""
         return self._target
 
 
 # --------------------------------------------------------------------------------------------------
-# A tracker with errors: in front of a driver that knows the pose exactly and at once.
+# Simulated tracker errors, for a driver that returns the exact pose without delay.
 
 
 class PoseDistortion(ABC):
-    """What a tracker makes of the poses that it measures: noise, delay."""
+    """Error model of a tracker: noise, delay."""
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget earlier poses: the driver opens."""
+        """Reset its state when the driver opens."""
 
     @abstractmethod
     def distort(self, now: float, pose: Pose) -> Pose:
-        """The pose that the tracker reports at `now` [s], if `pose` is the true one. Called once in every tick."""
+        """Return the pose reported at `now` [s], if `pose` is the true one. Called once in every tick."""
 
 
 @final
 class ImperfectTracker(Driver):
-    """Reports the poses of `inner` with `distortions`, one after the other; everything else is that of `inner`.
+    """Driver that applies `distortions` in turn to the poses of `inner`; everything else is that of `inner`.
 
-    It does not count as simulated: its poses are as old as they say, as with a real tracker.
+    It does not count as simulated: the ages of its poses are used, as with a real tracker.
     """
 
     name, simulated = "imperfect", False
@@ -248,7 +248,7 @@ class ImperfectTracker(Driver):
         self._inner.prepare(now)
 
     def read(self, now: float) -> Sample:
-        """The sample of `inner` with the pose that the tracker reports."""
+        """Return the sample of `inner` with the pose that the tracker reports."""
         sample = self._inner.read(now)
         pose = sample.pose
         for distortion in self._distortions:
@@ -256,12 +256,12 @@ class ImperfectTracker(Driver):
         return replace(sample, pose=pose)
 
     def write(self, duties: Array) -> Array:
-        """Apply `duties` (m,), −1…1 [1], as `inner` does; returns (m,) those applied."""
+        """Apply `duties` (m,), −1…1 [1], as `inner` does; return those applied (m,)."""
         return self._inner.write(duties)
 
     @property
     def coil_state(self) -> CoilState:
-        """As `inner` knows it."""
+        """As of `inner`."""
         return self._inner.coil_state
 
     @property
@@ -278,9 +278,9 @@ class ImperfectTracker(Driver):
         self._inner.cool()
 
     def truth(self) -> Array:
-        """(6,) as `inner` knows it [N, N·m]."""
+        """Wrench (6,) of `inner` [N, N·m]."""
         return self._inner.truth()
 
     def target(self) -> Array:
-        """(7,) as `inner` knows it: position [m], quaternion."""
+        """Goal (7,) of `inner`: position [m], quaternion."""
         return self._inner.target()
