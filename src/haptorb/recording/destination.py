@@ -1,4 +1,4 @@
-"""Where a run is recorded to: a named file, a temporary one that its holder removes, or nowhere."""
+"""Destination of a recording: a named file, a temporary one that is deleted afterwards, or none."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = ["RunRecording", "complete", "create_recording", "create_temporary", "
 
 
 # --------------------------------------------------------------------------------------------------
-# The file that a recording goes to, opened before anything starts: refused now, or never.
+# The file of a recording, opened before anything starts, so that errors occur before the run.
 
 
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 
 
 def create_recording(path: Path, *, overwrite: bool) -> int:
-    """A descriptor of the new, empty file `path`, write-protected for others until the recording is complete.
+    """Create the empty file `path`, write-protected until the recording is complete; return its descriptor.
 
     Raises RecordingError if it exists and `overwrite` is not set, or if it cannot be written.
     """
@@ -52,7 +52,7 @@ def create_recording(path: Path, *, overwrite: bool) -> int:
 
 
 def complete(descriptor: int, *, temporary: bool) -> None:
-    """Lift the write protection of a recording that is whole: as any file that the user makes, and no more than that.
+    """Remove the write protection of a complete recording: the permissions become those of any new file of the user.
 
     What others may read is for the user's umask to say; a `create_temporary` file stays its owner's alone.
     """
@@ -111,12 +111,12 @@ class RunRecording:
         return descriptor
 
     def discard(self) -> None:
-        """Nothing ran: leave no file."""
+        """Delete the file, if nothing ran."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
     def read(self) -> Recording:
-        """What was recorded up to now. Raises RecordingError if nothing was recorded, or if the file cannot be read."""
+        """Read the recording so far. Raises RecordingError if nothing was recorded, or if the file cannot be read."""
         from haptorb.recording.recording import Recording
 
         if self._path is None:
@@ -125,7 +125,7 @@ class RunRecording:
 
 
 # --------------------------------------------------------------------------------------------------
-# What made a recording: versions of everything that computes, and the processor.
+# Software versions and processor, for the metadata of a recording.
 
 
 _COMPUTING = ("numpy", "numba", "llvmlite", "mujoco")

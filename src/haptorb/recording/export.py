@@ -1,4 +1,4 @@
-"""A part of a recording as CSV, Parquet or NumPy arrays; written in pieces, whole or not at all."""
+"""Export of recordings to CSV, Parquet and NumPy; written in pieces and atomically."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary",
 
 
 class RecordingNotes(Protocol):
-    """What says of a recording how it was made."""
+    """Metadata of a recording."""
 
     path: Path
     truncated: bool
@@ -72,7 +72,7 @@ class RecordingNotes(Protocol):
 
 
 class Rows(RecordingNotes, Protocol):
-    """What is read of a recording."""
+    """Row access of a recording."""
 
     @property
     def columns(self) -> tuple[Field, ...]:
@@ -194,7 +194,7 @@ def make_dataset(recording: Rows) -> Dataset:
 
 
 def describe_notes(recording: RecordingNotes) -> dict[str, str]:
-    """What ran, for the metadata of a table: file, device, driver, rate [Hz] and model, and what is missing of it."""
+    """Describe the run for the metadata of a table: file, device, driver, rate [Hz], model, and missing rows."""
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     known = {
         "recording": recording.path.name,
@@ -209,13 +209,13 @@ def describe_notes(recording: RecordingNotes) -> dict[str, str]:
     return {key: foreign_text(value) for key, value in known.items() if value}
 
 
-Progress = Callable[[float], None]  #: called with the share that is done
+Progress = Callable[[float], None]  #: called with the completed share, 0 to 1
 
-_PIECE = 20_000  #: rows written at once
+_PIECE_ROWS = 20_000  #: written at once
 
 
 class RecordingReader(Protocol):
-    """What is exported."""
+    """Recording to be exported."""
 
     path: Path
     truncated: bool
@@ -245,7 +245,7 @@ class RecordingReader(Protocol):
 @final
 @dataclass(frozen=True)
 class Export:
-    """What is going to be written: these `fields` of these `ticks`, in the format `form`."""
+    """An export: selected `fields` and `ticks`, in the format `form`."""
 
     recording: RecordingReader
     form: str
@@ -284,8 +284,8 @@ class Export:
     def pieces(self, report: Progress) -> Iterator[Array]:
         """(n, k) after (n, k): the fields side by side, in their own units [SI]."""
         names = [field.name for field in self.fields]
-        for first in range(self.ticks.start, self.ticks.stop, _PIECE):
-            last = min(first + _PIECE, self.ticks.stop)
+        for first in range(self.ticks.start, self.ticks.stop, _PIECE_ROWS):
+            last = min(first + _PIECE_ROWS, self.ticks.stop)
             yield self.recording.read(first, last, names)
             report((last - self.ticks.start) / len(self.ticks))
 

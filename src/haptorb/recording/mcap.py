@@ -51,13 +51,13 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A row's layout as a ROS 2 message, the schema that MCAP tools know how to read; and back.
+# Conversion between a row's layout and a ROS 2 message definition, a schema that MCAP tools can read.
 #
 # All fields are float64, so a message is four bytes that say "little-endian CDR" and the row's own bytes: what is read
 # back is bit for bit what the loop published.
 
 
-_WIDEST = 65_536  #: numbers in a row
+_MAX_WIDTH = 65_536  #: limit of numbers in a row
 
 NAME = "haptorb/msg/Tick"
 ENCODING = "ros2msg"
@@ -99,9 +99,9 @@ def fields_of(text: str) -> tuple[Field, ...]:
         if match is None:
             raise RecordingError(f"the recording's schema has a field not written by haptorb: {quote(line)}")
         width = int(match["width"] or 1)
-        if not 1 <= width + sum(field.width for field in fields) <= _WIDEST or width < 1:
+        if not 1 <= width + sum(field.width for field in fields) <= _MAX_WIDTH or width < 1:
             raise RecordingError(
-                f"the recording's schema has more than {_WIDEST} numbers in a row, or none: {quote(line)}"
+                f"the recording's schema has more than {_MAX_WIDTH} numbers in a row, or none: {quote(line)}"
             )
         if match["name"] in {field.name for field in fields}:
             raise RecordingError(f"the recording's schema has the field '{match['name']}' twice")
@@ -111,17 +111,17 @@ def fields_of(text: str) -> tuple[Field, ...]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Rows into an MCAP file, in chunks so small that a kill at any moment loses less than a tenth of a second.
+# Writer of rows to an MCAP file, in chunks so small that a kill at any moment loses less than 0.1 s.
 #
-# No clock and no process in here: `recorder_process` feeds it.
+# It uses no clock and no process: it is called by `recorder_process`.
 
 
-CHUNK = 32_000  #: bytes before compression
+CHUNK = 32_000  #: size before compression [bytes]
 _MAX_CHUNK_S = 0.04  #: time in a chunk [s]: at slow rates a full chunk would be too much to lose
 
 
 class _CountedFile:
-    """An open binary file, and how many bytes were written: a pipe cannot say where it is."""
+    """Counts the bytes written to an open binary file, because a pipe has no position."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.size = 0
@@ -132,7 +132,7 @@ class _CountedFile:
         return self._write(content)
 
     def tell(self) -> int:
-        """For the writer of MCAP."""
+        """Position, for the MCAP writer."""
         return self.size
 
 
@@ -185,7 +185,7 @@ class Recorder:
 
 
 # --------------------------------------------------------------------------------------------------
-# Rows and notes of an MCAP file: of all its undamaged chunks, wherever it is damaged or cut, however long it is.
+# Reader of rows and metadata of an MCAP file: all undamaged chunks of a damaged or truncated file of any length.
 #
 # The summary at the end of the file lists the chunks. Where it is missing or damaged, the records are walked from the
 # start, and after damage from the next record that is consistent in itself: the lengths in the head of a chunk must
@@ -311,7 +311,7 @@ def _read_at(file: int, length: int, place: int) -> bytes:
 
 @final
 class McapReader:
-    """The undamaged chunks of the recording `path`, and what else it says.
+    """Reader of the undamaged chunks and the metadata of the recording `path`.
 
     fields      as the file's own schema describes them; empty: it has no haptorb rows
     width       numbers in a row
@@ -372,7 +372,7 @@ class McapReader:
         done = 0
         with self._open() as file:
             while done < len(out):
-                rows = self._take(file, at)
+                rows = self._read_rows(file, at)
                 begin = first + done - int(self._starts[at])
                 part = rows[begin : begin + len(out) - done, columns]
                 out[done : done + len(part)] = part
@@ -467,7 +467,7 @@ class McapReader:
         except OSError as cause:
             raise RecordingError(f"cannot read {self._path}: {cause.strerror}") from cause
 
-    def _take(self, file: int, at: int) -> Array:
+    def _read_rows(self, file: int, at: int) -> Array:
         """(n, width) the rows of the chunk at position `at` of those that have some."""
         number = int(self._sound[at])
         if self._unpacked is not None and self._unpacked[0] == number:
@@ -505,7 +505,7 @@ class McapReader:
         if not blocks:
             records = _parse_records(body, self._most)
             for record in records:
-                self._take_description(record)
+                self._apply_schema(record)
             blocks = [one for one in records if isinstance(one, Block) and one.channel == self.channel]
         if blocks:
             self._numbers[number] = blocks[0].numbers()[0], blocks[-1].numbers()[1]
@@ -536,7 +536,7 @@ class McapReader:
         found = self._found
         if found.sound and found.channels:
             for record in (*found.schemas, *found.channels):
-                self._take_description(record)
+                self._apply_schema(record)
             return
         room = self._room
         for number in range(len(self._places)):
@@ -555,22 +555,22 @@ class McapReader:
                 self._damaged[number] = True
                 continue
             for record in records:
-                self._take_description(record)
+                self._apply_schema(record)
             if self.fields:
                 return
         doubt: RecordingError | None = None
         try:
             for record in (*found.schemas, *found.channels):
-                self._take_description(record)
+                self._apply_schema(record)
         except RecordingError as cause:  # damaged, or another program's
             doubt = cause
-        self._doubt_fields(file, sizes)
+        self._check_fields_by_size(file, sizes)
         if doubt is not None and not self.fields:
             raise doubt
 
-    def _doubt_fields(self, file: int, sizes: NDArray[np.uint64]) -> None:
-        """The note of the layout is another copy of the fields: where the sizes of chunks agree with it only, it is
-        taken."""
+    def _check_fields_by_size(self, file: int, sizes: NDArray[np.uint64]) -> None:
+        """Check the fields against the metadata of the layout, another copy: it is used where only it agrees with the
+        sizes of chunks."""
         noted = next((values for name, values in self.notes if name == "haptorb/layout"), None)
         try:
             keys = ("channels", "sensors", "contacts", "memory")
@@ -588,7 +588,7 @@ class McapReader:
             self.channel = self._guess_channel(file)
 
     def _guess_channel(self, file: int) -> int:
-        """Of the first message that can be read."""
+        """Channel of the first message that can be read."""
         for number in np.flatnonzero(~self._damaged).tolist():
             try:
                 blocks = [one for one in self._read_records(file, number) if isinstance(one, Block)]
@@ -598,7 +598,7 @@ class McapReader:
                 return blocks[0].channel
         return -1
 
-    def _take_description(self, found: Any) -> None:
+    def _apply_schema(self, found: Any) -> None:
         """The fields of the haptorb topic. Raises RecordingError if it is of another kind, or there twice."""
         if isinstance(found, Schema):
             self._schemas[found.id] = found
@@ -879,7 +879,7 @@ def _walk(view: mmap.mmap) -> _Records:
             raise RecordingError(_TOO_MANY)
         if at - released > _RELEASE:
             released = _release_memory(view, released, at)
-        length = _take_record(view, at, found)
+        length = _parse_record(view, at, found)
         if length is not None:
             at += length
             continue
@@ -893,7 +893,7 @@ def _walk(view: mmap.mmap) -> _Records:
     return found
 
 
-def _take_record(view: mmap.mmap, at: int, found: _Records) -> int | None:
+def _parse_record(view: mmap.mmap, at: int, found: _Records) -> int | None:
     """Note what the record at `at` says, if it is consistent; returns its length with its head, else None."""
     size = len(view)
     if at + _HEAD.size > size:
@@ -965,7 +965,7 @@ def _find_record(view: mmap.mmap, at: int) -> tuple[int, int]:
     tried, found = 0, _RESUME.search(view, at)
     while found is not None:
         tried += 1
-        if _take_record(view, found.start(), _Records()) is not None:
+        if _parse_record(view, found.start(), _Records()) is not None:
             return found.start(), tried
         found = _RESUME.search(view, found.start() + 1)
     return len(view), tried

@@ -46,7 +46,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The memory of worlds in a recording: the row's numbers by the names that each world gave them.
+# The memory of worlds in a recording: numbers of the rows by the names of each world's fields.
 
 
 def split_memory(numbers: Array, changes: Array, worlds: Sequence[Mapping[str, str]]) -> dict[str, Array]:
@@ -128,7 +128,7 @@ def _check_fields(fields: Sequence[Mapping[str, Any]]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# A recording in one line, in a dozen facts, and as one small picture of the force.
+# Summary of a recording: one line, a table of facts, and a plot of the force.
 
 
 _TRIPPED = 4  #: state of the guard
@@ -310,7 +310,7 @@ def measure_run(recording: Summarized) -> dict[str, float]:
 
 
 def _describe_run(found: Mapping[str, float]) -> list[tuple[str, str]]:
-    """What `measure_run` has found, in words."""
+    """Format the results of `measure_run`."""
     facts = []
     for name in ("asked", "given"):
         if f"largest_{name}_force_n" in found:

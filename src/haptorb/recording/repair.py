@@ -1,4 +1,4 @@
-"""A whole recording out of one that is damaged or cut: every row and note that can be read, with a new index."""
+"""Repair of a damaged or truncated recording: copies every readable row and metadata record, with a new index."""
 
 from __future__ import annotations
 

@@ -45,8 +45,8 @@ class Field:
 
 @dataclass(frozen=True)
 class RowLayout:
-    """Which numbers of a row are what, with `channels` coils, `sensors` field sensors and room for `contacts` and for
-    `memory` numbers of a world."""
+    """Layout of a row with `channels` coils, `sensors` field sensors, and room for `contacts` and for `memory`
+    numbers of a world."""
 
     channels: int
     sensors: int
@@ -188,7 +188,7 @@ class RowLayout:
         return sum(field.width for field in self.fields)
 
     def __getitem__(self, name: str) -> slice:
-        """Where `name` lies in a row.
+        """Slice of the field `name` in a row.
 
         >>> RowLayout(channels=3, sensors=0)["p"]
         slice(20, 23, None)
@@ -207,7 +207,7 @@ def _make_place_type(names: tuple[str, ...]) -> np.dtype[Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# One field of a recording: an array that is read when its numbers are asked for.
+# One field of a recording, as an array that is read on access.
 
 
 Read = Callable[[int, int], Array]  #: (last − first, width) rows `first` up to `last` of the field
@@ -309,7 +309,7 @@ class FieldColumn(NDArrayOperatorsMixin):
 # One row, by field name, with units.
 
 
-#: what people call a field first → its name
+#: alternative name of a field → its name
 _ALSO = {"temperature": "winding"}
 _STATES = {"guard": GuardState, "trip": Trip, "coil_state": CoilState}
 _ICE = 273.15  #: [K]
@@ -371,7 +371,7 @@ class LatestRow:
         return np.array(self.numbers, dtype=dtype) if copy else np.asarray(self.numbers, dtype=dtype)
 
     def __repr__(self) -> str:
-        """When it was, what the guard does, and the main quantities with their units; two lines."""
+        """Time, state of the guard, and the main quantities with their units; two lines."""
         coils = _describe_state("coil_state", self.coil_state)
         warm = f"winding at most {format_number(float(np.max(self.winding)) - _ICE)} °C"
         main = [f"{name} {self._format(name)}" for name in ("p", "asked", "given")]

@@ -1,10 +1,10 @@
-"""The states of the loop in a recording: named arrays of fixed types, in two kinds of metadata.
+"""Snapshots of the loop's state in a recording: named arrays of fixed types, in two kinds of metadata.
 
 `haptorb/state_layout`, once, before the first state: `arrays`, JSON, a list of [name, type, shape]. Types are `<f8`,
 `<i8` and `|b1`. `haptorb/state`: `tick`, after which it was so, and `arrays`: base64 of zlib of all arrays of the
 layout in turn, in C order and without gaps.
 
-A recording may come from anybody: everything is checked before an array is made, and nothing but arrays is made.
+Recordings are untrusted: everything is checked before an array is made, and nothing but arrays is made.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Recordings run again: what the driver had read goes through the same chain, and every number is compared."""
+"""Replay of recordings: passes the recorded sensor readings through the same chain, and compares every number."""

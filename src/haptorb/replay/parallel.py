@@ -1,4 +1,4 @@
-"""A recording in several parts at once, each in a process of its own, from a state that the loop has kept."""
+"""Parallel replay of a recording in parts, each in its own process, from a recorded state of the loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from haptorb.replay.rows import PlayedRows, count_processors, start_child
 
 __all__ = ["replay_in_parts"]
 
-_WORTH = 8192  #: ticks of a part: below, a process of its own takes longer than it saves
+_MIN_TICKS = 8192  #: shortest part for which a separate process saves time [ticks]
 
 
 def replay_in_parts(
@@ -24,7 +24,7 @@ def replay_in_parts(
     `report` receives the number of ticks done. Raises RecordingError as `Replay` does.
     """
     rows, count = PlayedRows(recording), len(recording)
-    most = max(min(count_processors(), count // _WORTH), 1)
+    most = max(min(count_processors(), count // _MIN_TICKS), 1)
     if most > 1:
         rows.unpack_beside()
     beginnings = choose_beginnings(recording, most)

@@ -1,4 +1,4 @@
-"""What a recording says of the chain that made it: device, calibration, estimator, worlds; and that chain once more."""
+"""Reconstructs the chain of a recording from its metadata: device, calibration, estimator, worlds."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ __all__ = [
 
 @final
 class RecordedRun:
-    """The notes of `recording`, as the objects that they describe.
+    """Metadata of `recording` as objects.
 
     device    as its file in the recording says
     rate      of the loop [Hz]
@@ -200,7 +200,7 @@ class RecordedRun:
 
 
 # --------------------------------------------------------------------------------------------------
-# A world that renders what was recorded of another one: its wrench, its contacts, its memory, and its failures.
+# A world that renders the recorded output of another one: its wrench, contacts, memory, and failures.
 
 
 _RECORDED_WORLD_FAILED = int(TickFailure.WORLD)
@@ -245,7 +245,7 @@ class RecordedTick:
         )
         self._memory = list(np.ascontiguousarray(block.get("memory", np.empty((n, 0)))))
 
-    def go_to(self, number: int) -> None:
+    def select(self, number: int) -> None:
         """The tick `number` of the block, from 0 on, is next."""
         self._at = number
 
@@ -477,7 +477,7 @@ def _dynamic_kind(known_as: str) -> Any:
 
 
 # --------------------------------------------------------------------------------------------------
-# A driver that plays what another one had read: the same samples, the same answers, tick after tick.
+# A driver that plays recorded samples and answers, tick by tick.
 
 
 _READ, _WRITE, _ENGAGE = int(TickFailure.READ), int(TickFailure.WRITE), int(TickFailure.ENGAGE)
@@ -487,7 +487,7 @@ _PLAYED_DRIVER_FAILED = "the driver failed in the recording"
 
 @final
 class PlayedDriver(Driver):
-    """Answers what stands in the block of ticks that `load` was given last, for the tick that `go_to` chose."""
+    """Driver that returns the recorded values of the tick that `select` chose in the block of the last `load`."""
 
     name, simulated = "played", True
 
@@ -531,7 +531,7 @@ class PlayedDriver(Driver):
         self._failures = np.clip(failures, 0.0, _MAX_FAILURE_CODE).astype(int).tolist()
         self._at = 0
 
-    def go_to(self, number: int) -> None:
+    def select(self, number: int) -> None:
         """The tick `number` of the block, from 0 on, is next."""
         self._at = number
 

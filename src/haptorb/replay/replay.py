@@ -1,4 +1,4 @@
-"""A recording run again: what the driver had read goes through the same `Tick`, and every number is compared."""
+"""Replay of a recording: passes the recorded samples through the same `Tick`, and compares every number."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Two runs of the same ticks, number by number: the same to the bit, or where they differ first, and by how much.
+# Comparison of two runs of the same ticks, bit by bit: first difference, and size of the differences.
 
 
 #: what the computer's clock and the tool's buttons said of the run, and no part of the chain
@@ -202,7 +202,7 @@ def _bits(values: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Which recorded tick each tick of a replay plays, when, and what was commanded before it.
+# Timetable of a replay: the recorded tick, time and commands of each replayed tick.
 
 
 _TIMETABLE_MODES = int(TickCommand.TRANSLATE | TickCommand.ROTATE)
@@ -264,7 +264,7 @@ def _timetable_join(first: int, then: int) -> int:
 
 
 # --------------------------------------------------------------------------------------------------
-# Python's garbage collector, out of the way of a long computation.
+# Suspension of Python's garbage collector during a long computation.
 
 
 @contextmanager
@@ -280,7 +280,7 @@ def without_collection() -> Iterator[None]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What the chain remembered at some ticks of a recording: from there a replay may begin.
+# Recorded states of the chain, from which a replay may begin.
 
 
 _LONGEST_TICK = re.compile(r"[0-9]{1,15}")
@@ -357,7 +357,7 @@ def find_gaps(ticks: Array, states: Iterable[float]) -> tuple[NDArray[np.bool_],
 
 
 # --------------------------------------------------------------------------------------------------
-# What was commanded before a tick, commanded again in the loop's order.
+# Replay of the commands before a tick, in the loop's order.
 
 
 _EXCUSE, _STOP, _ENGAGE, _SCALE, _COOL = map(
@@ -392,7 +392,7 @@ def play_commands(tick: Tick, commands: int, scale: float) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a replay has computed, as a recording: the notes of the recorded run, and what was replaced in it.
+# Recording of a replay: metadata of the recorded run, and the replaced parts.
 
 
 _OWN = frozenset(
@@ -559,7 +559,7 @@ class Replay:
         self._length, self.seconds = len(table), float(table.t[-1] - table.t[0]) + 1.0 / self.rate
         self._timetable = table if part is None else table.cut(*part)
         self._find_gaps()
-        self._take_state()
+        self._restore_state()
         self.tick.budget = PlayedBudget(self._recorded_tick)
         self.approximate = bool(self._rows.missing) or self._near
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
@@ -631,7 +631,7 @@ class Replay:
             return False
         self._first, self._state = first, self._states.read(tick)
         self._timetable = Timetable(self._rows.t, self._rows.commands).cut(first, last)
-        self._take_state()
+        self._restore_state()
         return True
 
     def _begin_late(self) -> None:
@@ -668,13 +668,13 @@ class Replay:
                 f"{int(self._blind.sum())} ticks up to the next stored state of the loop are not compared"
             )
 
-    def _go_on(self, at: int, block: Mapping[str, Array], n: int) -> None:
+    def _resume(self, at: int, block: Mapping[str, Array], n: int) -> None:
         """After lost ticks: remember what the recorded chain did after row `at`, tick `n` of the block."""
         self._change_world(float(block["world"][n, 0]), 0)
         memory = block.get("memory", np.empty((n + 1, 0)))[n]
         load_state(self.tick, self._states.read(float(self._rows.ticks[at])), memory)
 
-    def _take_state(self) -> None:
+    def _restore_state(self) -> None:
         """Remember what the recorded chain did after the first row, which is not run again."""
         if self._state is not None:
             block = self._rows.read_one(self._first)
@@ -697,15 +697,15 @@ class Replay:
                 if command < 0.0:
                     self._copy_row(row, block, n)
                     if int(index[n]) in self._resume:
-                        self._go_on(int(index[n]), block, n)
+                        self._resume(int(index[n]), block, n)
                     continue
-                driver.go_to(n)
+                driver.select(n)
                 play_commands(tick, int(command), scales[n])
             if change != self._change:
                 self._change_world(change, int(command))
                 recorded.load(block, whole=bool(self._stand_ins) or self._only_recorded or self._has_clients)
-            driver.go_to(n)
-            recorded.go_to(n)
+            driver.select(n)
+            recorded.select(n)
             if self._has_clients:
                 recorded.fill_client(tick.client)
             step(row, now)

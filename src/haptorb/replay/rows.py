@@ -1,4 +1,4 @@
-"""What a recording says of each tick, by the names of fields: whole, or as near to it as an older recording allows."""
+"""Rows of a recording for a replay, by field: complete, or approximated for recordings of earlier versions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["SAMPLE_FIELDS", "PlayedRows", "UnpackedRows", "count_bytes", "count_
 
 
 # --------------------------------------------------------------------------------------------------
-# Processes that compute a part of a replay beside this one, with everything that it has loaded.
+# Forked processes that compute a part of a replay, with all loaded code.
 
 
 def count_processors() -> int:
@@ -57,7 +57,7 @@ def _work(work: Callable[..., None], given: tuple[Any, ...]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# All rows of a recording in memory, unpacked by a process beside this one, which loads its code meanwhile.
+# All rows of a recording in memory, unpacked by another process while this one loads its code.
 
 
 _UNPACKED_ROWS_PIECE = 1024  #: rows that are read at once

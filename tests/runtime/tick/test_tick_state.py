@@ -121,7 +121,7 @@ def go_on(
     row = layout.empty()
     compared = np.concatenate([np.r_[layout[one.name]] for one in layout.fields if one.name not in CLOCK_FIELDS])
     for number in range(first + 1, len(rows)):
-        driver.go_to(number)
+        driver.select(number)
         if number in DEEDS:
             DEEDS[number](tick)
         tick.step(row, float(rows[number, layout["t"].start]))

@@ -538,9 +538,9 @@ class SerialDriver(Driver):
     at the latest.
 
     pose(now) is the tracker's pose of the tool; without it no pose is ever valid. `patience` [s] is how long `read`
-    waits for the response to the last tick's frame, which is repeated every 5 ms meanwhile; the device counts as lost after
-    three successive missing responses, twenty while no current may flow. A trip because this computer was silent is a
-    HostSilent.
+    waits for the response to the last tick's frame, which is repeated every 5 ms meanwhile; the device counts as
+    lost after three successive missing responses, twenty while no current may flow. A trip because this computer
+    was silent is a HostSilent.
     duty_limit [1] and current_limit [A] are the limits sent to the firmware for this session; by default 5 % above
     the device's own current limit. `open` waits at most `warm_up` [s] for every sensor's first reading, and rejects a
     board whose Hall sensors have fewer than `hall_axes`. `clock` runs at the rate of the board's time: that of an

@@ -179,7 +179,7 @@ class SimDriver(Driver):
         return place
 
     def write(self, duties: Array) -> Array:
-        """Quantise and clip `duties` (m,); apply them until the next; return those applied (m,), zeros when not open."""
+        """Quantise and clip `duties` (m,); apply them until the next; return the applied (m,), zeros when not open."""
         if self._open:
             self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
