@@ -668,7 +668,7 @@ class Replay:
                 f"{int(self._blind.sum())} ticks up to the next stored state of the loop are not compared"
             )
 
-    def _resume(self, at: int, block: Mapping[str, Array], n: int) -> None:
+    def _restore_after_gap(self, at: int, block: Mapping[str, Array], n: int) -> None:
         """After lost ticks: remember what the recorded chain did after row `at`, tick `n` of the block."""
         self._change_world(float(block["world"][n, 0]), 0)
         memory = block.get("memory", np.empty((n + 1, 0)))[n]
@@ -697,7 +697,7 @@ class Replay:
                 if command < 0.0:
                     self._copy_row(row, block, n)
                     if int(index[n]) in self._resume:
-                        self._resume(int(index[n]), block, n)
+                        self._restore_after_gap(int(index[n]), block, n)
                     continue
                 driver.select(n)
                 play_commands(tick, int(command), scales[n])

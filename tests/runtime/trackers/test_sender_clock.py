@@ -102,7 +102,7 @@ def test_a_stream_on_another_clock_is_compared_and_said(monkeypatch: pytest.Monk
     inlet.pull_sample = lambda timeout: inlet.samples.pop(0) if inlet.samples else (None, None)
     monkeypatch.setattr(lsl, "lsl_stream", lambda name: None)
     monkeypatch.setattr(lsl, "_open_inlet", lambda stream: inlet)
-    monkeypatch.setattr(lsl, "StreamWatch", lambda name: SimpleNamespace(look=list))
+    monkeypatch.setattr(lsl, "StreamWatch", lambda name: SimpleNamespace(poll=list))
     feed = lsl.LslFeed("poses")
     for offset, said in ((0.0, ""), (-2400.0, "2.4e+03 s")):
         inlet.samples.append(([0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0], monotonic() + offset))
