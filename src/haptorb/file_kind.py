@@ -1,4 +1,4 @@
-"""What a file is: found from its beginning, so that a recording given for a calibration is called a recording."""
+"""Detection of a file's kind from its beginning, for messages such as on a recording given as a calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A JSON file that people keep: of one format, with all of its keys and no others."""
+"""Strict parsing of JSON files: one format, with all of its keys and no others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work on a stranger's file in a process of its own, with limits: what it costs, it costs there."""
+"""Processing of untrusted files in a separate process with limits on time, memory and output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command prints, as a notebook shows it."""
+"""Reports of commands as notebook output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is connected to this computer, and what answers. Nothing is switched on."""
+"""Detects connected devices and the parts that respond; tests a coil, reads sensors, runs the emulator."""
 
 from __future__ import annotations
 

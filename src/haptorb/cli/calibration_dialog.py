@@ -51,7 +51,7 @@ def _no_bar(step: Step, seconds: float) -> AbstractContextManager[Callable[[floa
 
 @dataclass(frozen=True)
 class Dialog:
-    """Who talks to the person.
+    """User interface of a calibration: messages, prompts and progress bars.
 
     say   a line
     ask   before a step; True: continue, False: not now, the steps so far are kept

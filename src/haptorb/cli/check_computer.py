@@ -1,4 +1,4 @@
-"""From what was measured to a verdict, and to advice where the verdict is no."""
+"""Check of the computer: measures the loop, and prints verdicts and advice."""
 
 from __future__ import annotations
 

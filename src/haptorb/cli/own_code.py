@@ -1,4 +1,4 @@
-"""Before a file of the user's own runs: which code it is, said on standard error."""
+"""Announces a user's file on standard error before its code runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _announced: set[tuple[Path, str]] = set()
 
 
 def announce_code(path: Path, name: str) -> None:
-    """Say, once, that the code of the file `path` runs now; `name` is what is used of it."""
+    """Print once that the code of the file `path` runs now; `name` is the object that is used of it."""
     if (path, name) not in _announced:
         _announced.add((path, name))
         say(f"Running the code of {path}" + (f" ({name})" if name else ""))

@@ -1,4 +1,4 @@
-"""What a replay found, in words and in numbers."""
+"""Report of a replay as text and as numbers."""
 
 from __future__ import annotations
 
