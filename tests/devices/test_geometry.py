@@ -34,7 +34,9 @@ def test_every_device_has_a_channel_for_every_coil(name):
     device = haptorb.load(name, override=True)
     found = geometry(device)
     coils = select_parts(found, "coil")
-    assert {coil.channel for coil in coils} == set(device.coils.names)
+    # an arm's motors are somewhere in its base: it has a workspace to draw, and no coils
+    assert {coil.channel for coil in coils} == (set() if device.kind.name == "arm" else set(device.coils.names))
+    assert coils or found.rods
     assert all(np.linalg.norm(part.axis) == pytest.approx(1.0, abs=1e-12) for part in found.round_parts)
     assert all(0 <= part.inner_radius < part.outer_radius for part in found.round_parts)
     assert len(found.select_spots("sensor")) == device.sensors

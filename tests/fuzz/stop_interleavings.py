@@ -22,11 +22,11 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from loop_host import make_host
 
 from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.loader import load
@@ -46,6 +46,8 @@ from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.socket_hub import StudyPage, StudySocketHub
 from haptorb_study.prompts import Prompt
 from haptorb_study.study_file import study_of
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # for `fuzz`, where this file is run as a program
 
 RATE, START = 1000.0, 1_000_000_000
 DEEDS, GAPS = 8, (0, 0, 1, 1, 2, 7)
@@ -98,6 +100,8 @@ class Host:
     """The servo as console and study use it, over memory that the loop reads; its time is the loop's."""
 
     def __init__(self, shared: SharedMemory) -> None:
+        from fuzz.loop_host import make_host  # this file is a program, too
+
         self._servo = make_host(shared, "dome")
         self._shared, self.now, self._changes = shared, 0.0, 0
 

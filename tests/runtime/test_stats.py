@@ -10,7 +10,7 @@ from haptorb.runtime.loop import count_tick, publish_row
 from haptorb.runtime.shared_memory import COUNTS, Histogram, Word
 
 LAYOUT = RowLayout(3, 1)
-FILLED = ("tick", "wall", "lateness", "missed")
+FILLED = ("tick", "wall", "lateness", "missed", "buttons", "grip")
 
 
 def page() -> np.ndarray:
@@ -22,7 +22,14 @@ def test_a_row_is_completed_and_copied() -> None:
     publish_row(row, slot, LAYOUT.places, page(), 7, 2_000_000_000, 3_000, 4)
     np.testing.assert_array_equal(slot, row)
     told = {name: slot[LAYOUT[name]][0] for name in FILLED}
-    assert told == {"tick": 7.0, "wall": 2.0, "lateness": pytest.approx(3e-6), "missed": 4.0}
+    assert told == {
+        "tick": 7.0,
+        "wall": 2.0,
+        "lateness": pytest.approx(3e-6),
+        "missed": 4.0,
+        "buttons": 0.0,
+        "grip": 0.0,
+    }
     others = np.ones(LAYOUT.width, dtype=bool)
     for name in FILLED:
         others[LAYOUT[name]] = False

@@ -223,7 +223,7 @@ class _Times(ctypes.Structure):
 
 @final
 class KillTimer:
-    """Watchdog that ends this process by SIGKILL; armed by the first `set`.
+    """Watchdog that ends this process by SIGKILL; started by the first `set`.
 
     Raises ServoError if the kernel has no such timers.
     """
@@ -243,7 +243,7 @@ class KillTimer:
         self._at = ctypes.addressof(self._times)
 
     def set(self, seconds: float) -> None:
-        """Arm or rearm the timer: the process is killed `seconds` from now unless this is called again before."""
+        """Start or restart the timer: the process is killed `seconds` from now unless this is called again before."""
         self._times.first_s, self._times.first_ns = divmod(int(seconds * 1e9), 1_000_000_000)
         self._settime(self._timer, 0, self._at, None)
 

@@ -7,7 +7,6 @@ in a tick and hands it on like any client's; nothing in the file is believed bef
 
 from __future__ import annotations
 
-import fcntl
 import math
 import mmap
 import os
@@ -522,6 +521,8 @@ def device_folder() -> Path:
 
 
 def _remove_stale(folder: Path) -> None:
+    import fcntl  # not at the top: Windows has none
+
     for path in folder.glob("*.device"):
         with suppress(OSError):
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -534,6 +535,8 @@ def _remove_stale(folder: Path) -> None:
 
 def prepare(where: str) -> ServerPreparation:
     """The file, locked for as long as a process of this run has it open; `where` is the scale of a program's metres."""
+    import fcntl  # not at the top: Windows has none
+
     scale = None
     if where:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import platform
 import shutil
@@ -34,6 +33,8 @@ def find_libraries() -> tuple[Path, Path]:
 
     Raises DriverError if the installed package has none and they cannot be built.
     """
+    import fcntl  # not at the top: Windows has none
+
     if not (_SOURCES / "Makefile").exists() and (_SHIPPED / "libdrd.so.3").exists():
         return _SHIPPED, _SHIPPED / "include"
     if not (_SOURCES / "Makefile").exists():

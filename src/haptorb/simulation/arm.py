@@ -162,7 +162,7 @@ class SimulatedArm(CoilSimulation):
     >>> simulated = SimulatedArm(load("arm"))
     >>> for _ in range(2000):
     ...     simulated.advance(1e-3, np.zeros(3), np.array([0.01, 0, 0]), np.array([0, 0, 0, 1.0]))
-    >>> bool(0.006 < simulated.state().p[0] < 0.01)      # dry friction holds it short of the hand's goal
+    >>> bool(1e-4 < abs(simulated.state().p[0] - 0.01) < 1e-3)  # dry friction holds it off the hand's goal
     True
     """
 

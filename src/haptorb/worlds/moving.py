@@ -153,10 +153,9 @@ class Wander(World):
 
 @dataclass(frozen=True)
 class Summits(World):
-    """Several summits in one map, on a circle about the centre: each a dome with its own cut-off, repelling or
-    attracting.
+    """Several repelling or attracting summits in one map, on a circle about the centre.
 
-    Where their cut-offs overlap, the maps add. Every other summit can have the opposite sign, a valley
+    Each is a dome with its own cut-off; where these overlap, the maps add. Every other summit can have the opposite sign, a valley
     between two mountains.
     """
 
