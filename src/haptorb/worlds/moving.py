@@ -155,8 +155,8 @@ class Wander(World):
 class Summits(World):
     """Several repelling or attracting summits in one map, on a circle about the centre.
 
-    Each is a dome with its own cut-off; where these overlap, the maps add. Every other summit can have the opposite sign, a valley
-    between two mountains.
+    Each is a dome with its own cut-off; where these overlap, the maps add. Every other summit can have the opposite
+    sign, a valley between two mountains.
     """
 
     asks = "force"
