@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from haptorb import Servo
+from haptorb import RunConfig, Servo
 from haptorb.control.trips import GuardState, Trip
-from haptorb.serve.base import Serving, check_servers
+from haptorb.serve.base import Serving, check_servers, hold_tool
 from haptorb.web.console import Console
 from haptorb.web.server import freeze_garbage
 from haptorb.worlds import Remote
@@ -167,11 +167,11 @@ def measure_hostile(servo: Servo, port: int, seconds: float) -> dict[str, Any]:
 
 def measure(seconds: float, repetitions: int) -> dict[str, Any]:
     """All of it."""
-    servo = Servo("omni", Remote(), record=False)
+    choices = check_servers(["haply:0:0"])
+    servo = Servo(hold_tool(RunConfig.of("omni", Remote()), choices), record=False)
     load = os.getloadavg()[0]
-    with Serving(check_servers(["haply:0:0"]), servo) as serving, Console(servo, 0) as console, freeze_garbage(), servo:
+    with Serving(choices, servo) as serving, Console(servo, 0) as console, freeze_garbage(), servo:
         serving.start()
-        serving.hold_tool()
         page = threading.Thread(target=console.serve, daemon=True)
         page.start()
         port = int(serving.lines[0].split(",")[0].rpartition(":")[2])

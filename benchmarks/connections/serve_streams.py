@@ -192,16 +192,16 @@ def measure_phase(servo: Any, ports: dict[str, int], seconds: float, *, hostile:
 
 def measure(seconds: float) -> dict[str, Any]:
     """Both phases, and what the servers counted."""
-    from haptorb import Servo
-    from haptorb.serve.base import Serving, check_servers
+    from haptorb import RunConfig, Servo
+    from haptorb.serve.base import Serving, check_servers, hold_tool
     from haptorb.web.server import freeze_garbage
     from haptorb.worlds import Dome, Remote
 
     load = os.getloadavg()[0]
-    servo = Servo("omni", Dome() + Remote(), record=False)
-    with Serving(check_servers(["osc:0", "lsl", "foxglove:0"]), servo) as serving, freeze_garbage(), servo:
+    choices = check_servers(["osc:0", "lsl", "foxglove:0"])
+    servo = Servo(hold_tool(RunConfig.of("omni", Dome() + Remote()), choices), record=False)
+    with Serving(choices, servo) as serving, freeze_garbage(), servo:
         serving.start()
-        serving.hold_tool()
         addresses = dict(line.split(": ", 1) for line in serving.lines)
         ports = {kind: int(addresses[kind].rpartition(":")[2]) for kind in ("osc", "foxglove")}
         time.sleep(2.0)

@@ -58,7 +58,8 @@ class StopSwitch:
 
     def stop(self, why: str | None = "") -> None:
         """Switch the coils off now. `why` is recorded; None: not recorded, because the session ends anyway."""
-        stood = self.active
+        # Without a servo, a Stop that still stands is the previous session's: the next one needs the new cause.
+        stood = self.active and self._servo is not None
         # Number before servo: `attach` sets the servo before it reads the number, so one of the two stops it.
         self._last_stop = number = next(self._numbers)
         servo = self._servo
@@ -82,6 +83,9 @@ class StopSwitch:
             servo.stop()
         while self._unrecorded and self._unrecorded[0].number <= asked.number:
             self._unrecorded.popleft()
+        while len(self._unrecorded) > 1:  # a Stop that still stood when others came is the one that counts
+            self._unrecorded.pop()
+        self.why = self._unrecorded[0].why if self._unrecorded else ""
 
     def detach(self) -> None:
         """Detach the servo: the session is over."""

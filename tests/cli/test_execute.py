@@ -68,24 +68,25 @@ def test_openhaptics_program(tmp_path: Path) -> None:
         time.sleep(1.0)
         name, vendor = hd.get_model(), hd.get_vendor()
         device.close()
+        time.sleep(0.3)  # the force fades meanwhile
         half = len(places) // 2
         push, raised = sum(pushes[half:]) / (len(pushes) - half), sum(places[half:]) / (len(places) - half) - places[0]
-        print(json.dumps([name, vendor, len(places), max(buttons), pushes[0], push, raised]))
+        print(json.dumps([name, vendor, len(places), max(buttons), push, raised]))
         sys.exit(7)
         """)
     )
     recording = tmp_path / "floor.mcap"
     done = execute("--record", str(recording), "--", sys.executable, "-W", "ignore", str(program))
     assert done.returncode == 7, done.stdout + done.stderr
-    name, vendor, count, buttons, first, push, raised = json.loads(done.stdout.splitlines()[-1])
+    name, vendor, count, buttons, push, raised = json.loads(done.stdout.splitlines()[-1])
     assert (name, vendor, buttons) == ("haptorb omni", "haptorb", 0)
     assert count > 50  # 1000 where a processor is free
-    assert abs(first - 0.06) < 1e-9  # 2 mm below the floor, where the hand still moves
-    assert 0.0 <= push < 0.3
-    assert abs(raised) < 10.0  # [mm]
+    assert 0.0 < push <= 0.06
+    assert raised > 0.0, "the floor raises a tool that is held loosely"
+    assert np.ptp(Recording(recording)["target"], axis=0).max() == 0.0, "the hand is still before the program comes"
     asked = np.asarray(Recording(recording)["asked"])
-    assert 0.0 < asked[:, 2].max() < 0.4
-    assert abs(np.asarray(Recording(recording)["duties"])[-1]).max() == 0.0, "the coils go off with the program"
+    assert 0.0 < asked[:, 2].max() < 0.1
+    assert abs(asked[-50:]).max() == 0.0, "the force ends with the program"
 
 
 @pytest.mark.realtime

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from haptorb import Recording, Servo
+from haptorb import Recording, RunConfig, Servo
 from haptorb.replay.replay import Replay
-from haptorb.serve.base import Serving, add_client_force, check_servers
+from haptorb.serve.base import Serving, add_client_force, check_servers, hold_tool
 from haptorb.worlds import Remote, Terrain
 from haptorb.worlds.user_world import parse_world_file
 
@@ -31,10 +31,10 @@ def wait_for(condition, seconds=30.0):
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
     path = tmp_path_factory.mktemp("serve") / "run.mcap"
-    servo = Servo("omni", Terrain() + Remote(), record=path)
-    with Serving(check_servers(["haply:0:0"]), servo) as serving, servo:
+    choices = check_servers(["haply:0:0"])
+    servo = Servo(hold_tool(RunConfig.of("omni", Terrain() + Remote()), choices), record=path)
+    with Serving(choices, servo) as serving, servo:
         serving.start()
-        serving.hold_tool()
         yield servo, int(serving.lines[0].split(",")[0].rpartition(":")[2])
 
 
@@ -101,10 +101,9 @@ def test_the_users_own_world_is_felt_beside_the_clients_and_keeps_them_when_it_i
     haply, file, path = check_servers(["haply:0:0"]), tmp_path / "floor.py", tmp_path / "run.mcap"
     file.write_text(OWN.format(force=0.05))
     world = add_client_force(parse_world_file(f"{file}:Floor"), haply)
-    servo = Servo("omni", world, record=path)
+    servo = Servo(hold_tool(RunConfig.of("omni", world), haply), record=path)
     with Serving(haply, servo) as serving, servo:
         serving.start()
-        serving.hold_tool()
         port = int(serving.lines[0].split(",")[0].rpartition(":")[2])
         with connect(f"ws://localhost:{port}", compression=None) as client:
             client.recv(timeout=20)

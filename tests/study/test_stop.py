@@ -430,6 +430,22 @@ def test_a_key_stops_while_nobody_takes_keys(typed: int, key: bytes) -> None:
         assert servo.off
 
 
+def test_a_stop_while_a_session_starts_has_its_own_cause_though_the_one_before_was_stopped() -> None:
+    first, second, halt = FakeServo(), FakeServo(), StopSwitch()
+    halt.attach(first, halt.read_count())
+    halt.stop(None)  # the experimenter leaves
+    halt.detach()
+    asked = halt.read_count()  # the next session is requested
+    for why in ("the participant's page was closed", "by the experimenter"):
+        halt.stop(why)
+    halt.attach(second, asked)
+    assert (halt.active, halt.why, second.off) == (True, "the participant's page was closed", True)
+    assert [one.why for one in halt.pop_unrecorded()] == ["the participant's page was closed"]
+    halt.detach()
+    halt.attach(FakeServo(), halt.read_count())
+    assert (halt.active, halt.why) == (False, "")
+
+
 def test_space_is_a_letter_while_words_are_typed_and_escape_stops(typed: int) -> None:
     servo, halt = FakeServo(), StopSwitch()
     halt.attach(servo, halt.read_count())

@@ -231,7 +231,13 @@ def run(
         from haptorb.files import state_folder
         from haptorb.runtime.config import RunConfig
         from haptorb.runtime.servo import Servo
-        from haptorb.serve.base import Serving, add_client_force, check_servers, is_client_force_alone
+        from haptorb.serve.base import (
+            Serving,
+            add_client_force,
+            check_servers,
+            hold_tool,
+            is_client_force_alone,
+        )
 
         choices = check_servers(serve or [])
         found = load(device)
@@ -251,6 +257,8 @@ def run(
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
             grip=grip, latency=None if latency is None else 1e-3 * latency, hand=hand,
         )  # fmt: skip
+        if headless:
+            config = hold_tool(config, choices)
         servo = Servo(config, record=record or False, overwrite=force, black_box=state_folder() / "trips")
         for name, own in servo.own_worlds.items():
             for remark in list_world_remarks(own, 1.0 / servo.rate) if name == servo.world[0] else ():
@@ -273,7 +281,6 @@ def _run_without_console(
     servo: Servo, standby: PrestartedProcess, serving: Serving, duration: float | None, json: bool
 ) -> int:
     with _open_servo(servo, standby, serving):
-        serving.hold_tool()
         if not json:
             world, driver = servo.world[0], _driver_text(servo)
             say(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import ipaddress
 import json
+import math
 import os
 import re
 import secrets
@@ -16,7 +17,7 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from time import monotonic, process_time, sleep
@@ -28,6 +29,7 @@ from haptorb.arrays import Array, record
 from haptorb.cluster import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
+from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import end_process, is_parent_gone, run_uninterrupted
 from haptorb.runtime.liveness import HangWatch
 from haptorb.runtime.prestart import start_module
@@ -35,6 +37,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import BUTTONS, Phase, SharedMemory, TextSlot, Word
 from haptorb.runtime.sockets import is_own_account, tcp_owner
 from haptorb.runtime.world_output import show
+from haptorb.simulation.hand import SampledPath, ScriptedMotion
 from haptorb.version import __version__
 from haptorb.worlds import Remote
 from haptorb.worlds.base import World
@@ -63,6 +66,7 @@ __all__ = [
     "choose_serve_token",
     "describe_servers",
     "has_other_loopback",
+    "hold_tool",
     "is_client_force_alone",
     "is_loopback",
     "is_own_connection",
@@ -356,6 +360,22 @@ def is_client_force_alone(choices: Sequence[ServerChoice]) -> bool:
     return any(KINDS[choice.kind].world == "alone" for choice in choices)
 
 
+_HOLD_HEIGHT_M = 0.002  #: height above the dome at which a simulated tool without a user is held [m]
+
+
+def hold_tool(config: RunConfig, choices: Sequence[ServerChoice]) -> RunConfig:
+    """`config` with a simulated tool at rest from the first tick, for a run that serves programs without a console.
+
+    Programs need a cursor that does not move by itself. Nothing changes where no program is served, and where a script
+    or a tracker moves the tool. A tool over a dome is held 2 mm above it.
+    """
+    if not choices or config.is_real or config.hand is not None or config.tracker not in ("pointer", "hall"):
+        return config
+    shell, rest = config.device.shell, config.device.rest_position
+    p = rest if shell is None else (0.0, 0.0, shell.contact_distance + _HOLD_HEIGHT_M)
+    return replace(config, hand=ScriptedMotion(SampledPath([[*p, 0.0, 0.0, 0.0, 1.0]], [0.0], math.inf)))
+
+
 def add_client_force(
     world: World | WorldFile | SceneFile, choices: Sequence[ServerChoice]
 ) -> World | FileWithRemote | WorldFile | SceneFile:
@@ -370,7 +390,6 @@ def add_client_force(
 _START_TIMEOUT_S = 30.0  #: for a server process to serve [s]
 _HANG_TIMEOUT_S = 4.0  #: a starting server without progress for this long hangs [s]
 _END_TIMEOUT_S = 1.5  #: for all servers to end on request before they are killed [s]
-_HOLD_HEIGHT_M = 0.002  #: height above the dome at which a simulated tool without a user is held [m]
 _REQUEST_POLL_INTERVAL_S = 0.02  #: polling interval of the servers' requests [s]
 
 
@@ -437,15 +456,6 @@ class Serving:
             one.preparation.close()
         self._watcher = threading.Thread(target=self._poll_servers, args=(shared,), name="haptorb-servers", daemon=True)
         self._watcher.start()
-
-    def hold_tool(self) -> None:
-        """Hold a simulated tool at rest if no console and no script moves it, so that clients have a cursor."""
-        servo = self._servo
-        free = servo.driver == "sim" and servo.config.hand is None and servo.tracker in ("pointer", "hall")
-        if self._servers and free:
-            shell = servo.device.shell
-            rest = servo.device.rest_position
-            servo.hand.hold(rest if shell is None else (0.0, 0.0, shell.contact_distance + _HOLD_HEIGHT_M))
 
     def _start_process(self, one: _Server) -> None:
         servo, prepared = self._servo, one.preparation

@@ -31,7 +31,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.tick import StepWatch
 from haptorb.runtime.tick_log import TickFailure
 from haptorb.runtime.world_change import change_world, description, name_of
-from haptorb.serve.base import Serving, add_client_force, check_servers
+from haptorb.serve.base import Serving, add_client_force, check_servers, hold_tool
 from haptorb.simulation.hand import SampledPath, ScriptedMotion
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import World
@@ -300,8 +300,8 @@ class _SteppedRun(DeviceRun):
 class _RealTimeRun(DeviceRun):
     """A servo in its own process, with servers for other programs."""
 
-    def __init__(self, servo: Servo, serving: Serving) -> None:
-        self.device, self.hand, self.servo, self._serving = servo.device, servo.config.hand, servo, serving
+    def __init__(self, servo: Servo, hand: ScriptedMotion | None, serving: Serving) -> None:
+        self.device, self.hand, self.servo, self._serving = servo.device, hand, servo, serving
 
     @contextmanager
     def open(self) -> Iterator[DeviceRun]:
@@ -309,7 +309,6 @@ class _RealTimeRun(DeviceRun):
         with self.servo:
             try:
                 self._serving.start()
-                self._serving.hold_tool()
                 yield self
             finally:
                 self.servo.end_loop()
@@ -421,8 +420,8 @@ def haptic_device(
     run: _SteppedRun | _RealTimeRun
     try:
         if real_time:
-            servo = Servo(config, record=file, overwrite=True)
-            run = _RealTimeRun(servo, Serving(choices, servo))
+            servo = Servo(hold_tool(config, choices), record=file, overwrite=True)
+            run = _RealTimeRun(servo, config.hand, Serving(choices, servo))
         else:
             run = _SteppedRun(config, file)
     except BaseException:
