@@ -23,7 +23,8 @@ from typing import Any, NamedTuple, final
 from haptorb.analysis.stability import GRIPS, SampledLoop
 from haptorb.control.trips import Trip
 from haptorb.devices.arm import Arm
-from haptorb.devices.base import Device
+from haptorb.devices.base import Device, device_function
+from haptorb.devices.coil_array import CoilArray
 from haptorb.errors import InputError
 from haptorb.files import folders
 from haptorb.runtime.linux import raise_priority, request_exact_timers
@@ -112,6 +113,7 @@ _FINGER = 0.1  #: from a gripper's axis to its fingers, which device files do no
 _PROGRAM_DELAY = 2e-3  #: from a pose to the force that a program computes for it, beside the tick [s]
 _MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
 _MOTOR_REACH = 0.1  #: of its target, for a program [m]
+_REACH = 0.1  #: about the place of rest, for a kind of device whose workspace is not known [m]
 
 
 @dataclass(frozen=True)
@@ -136,17 +138,33 @@ class Hardware:
     stiffness: float = math.inf  #: that the device's file permits [N/m]
 
 
+@device_function
 @singledispatch
 def describe_hardware(device: Device) -> Hardware:
     """How a program sees `device`; a kind of device with more abilities registers its own."""
     shell = device.shell
     force = device.limits.force
-    if shell is None:
+    if device.kind.modes:  # what the program moves is the object, which begins at its own origin
         box = (-_MOTOR_REACH,) * 3 + (_MOTOR_REACH,) * 3
         return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, 0.0), _MOTOR_SCALE, box, force, force)
+    if shell is None:
+        x, y, z = device.rest_position.tolist()
+        box = (-_REACH,) * 3 + (_REACH,) * 3
+        return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (x, y, z), 1.0, box, force, force)
     rest, reach = shell.contact_distance, shell.contact_distance + shell.thickness
     box = (-reach, -reach, -rest, reach, reach, shell.thickness)
     return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, rest), 1.0, box, force, force)
+
+
+@describe_hardware.register
+def _describe_array(device: CoilArray) -> Hardware:
+    """A tool over a plate: the origin is where it touches in the middle. Over a dome as every tool."""
+    surface, force = device.surface, device.limits.force
+    if surface.is_dome:
+        return describe_hardware.dispatch(object)(device)
+    x, y = surface.half_width
+    box = (-y, -x, 0.0, y, x, surface.thickness)
+    return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, device.contact_height), 1.0, box, force, force)
 
 
 @describe_hardware.register

@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 
 from haptorb.control.trips import GuardState, Trip
+from haptorb.devices.loader import catalogue, load
 from haptorb.errors import InputError
 from haptorb.rotations import rotation_from_euler
 from haptorb.runtime.shared_memory import Word
-from haptorb.serve.native import FACTS, Placement, prepare
+from haptorb.serve.native import FACTS, Placement, describe_hardware, prepare
 from haptorb.worlds.dynamic import FADE, HOLD
 from oracles.other_account import as_nobody, needs_root
 from serve.native.conftest import ServedFile
@@ -500,3 +501,17 @@ def test_an_arm_is_what_its_file_says(
                 assert np.linalg.norm(np.subtract(thumb, finger)) == pytest.approx(0.012)
         finally:
             dhd.dhdClose(ANY)
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_a_program_finds_every_device_at_rest_within_its_workspace(name: str) -> None:
+    """In its own size, but for a motor, whose object moves by millimetres."""
+    device = load(name, override=True)
+    seen = describe_hardware(device)
+    p = np.zeros(3) if device.kind.modes else device.rest_position
+    at = Placement(seen.centre, seen.scale).place(p)
+    least, greatest = np.array(seen.workspace[:3]), np.array(seen.workspace[3:])
+    assert (least <= at).all()
+    assert (at <= greatest).all()
+    assert (greatest > least).all()
+    assert seen.scale == (10.0 if device.kind.modes else 1.0)
