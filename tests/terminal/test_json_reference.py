@@ -29,14 +29,18 @@ SAMPLES = {
         "omni --errors --samples 100",
         "pmsm --errors --samples 100",
     ),
-    "show": ("omni", "pmsm"),
+    "show": ("omni", "pmsm", "arm"),
     "check": ("--world dome", "--world nothing"),
     "study check": ("study.toml",),
     "fit-multipole": ("--dipoles 40",),
     "bench": (),
 }
 #: keys that stand for others, or for nothing at all, in some samples only
-EMPTY = {"check": {"critical"}, "study check": {"overlap"}}
+EMPTY = {
+    "check": {"critical"},
+    "study check": {"overlap"},
+    "show": {"edges", "parts", "balls", "spots", "workspace"},  # of devices that have none
+}
 
 
 @pytest.fixture(scope="module")

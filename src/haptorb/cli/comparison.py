@@ -94,7 +94,7 @@ class Comparison(NotebookReport):
         figure = Figure(figsize=(5.2 * across, 4.2 * down + 0.6), layout="constrained")
         places = figure.subplots(down, across, squeeze=False).ravel()
         for place, (title, curves) in zip(places, panels.items(), strict=False):
-            _draw_panel(place, title, curves)
+            _draw_panel(place, title, curves, self.labels)
         for place in places[len(panels) :]:
             place.axis("off")
         lines = [Line2D([], [], color=color, marker=marker) for color, marker in _LINES[: len(self.cards)]]
@@ -128,7 +128,7 @@ def describe_mappings(devices: Sequence[Device], labels: Sequence[str]) -> list[
     return found
 
 
-def _draw_panel(place: Any, title: str, curves: list[tuple[int, Curve]]) -> None:
+def _draw_panel(place: Any, title: str, curves: list[tuple[int, Curve]], labels: Sequence[str]) -> None:
     from matplotlib.lines import Line2D
 
     kinds: dict[str, str] = {}
@@ -140,6 +140,8 @@ def _draw_panel(place: Any, title: str, curves: list[tuple[int, Curve]]) -> None
     place.set(xlabel=first.x_label, ylabel=first.y_label)
     place.set_title(title, loc="left", fontsize=10)
     place.grid(alpha=0.3)
+    if endless := [labels[number] for number, curve in curves if not len(curve.y)]:
+        place.text(0.97, 0.95, f"unlimited: {', '.join(endless)}", ha="right", va="top", transform=place.transAxes)
     if any(len(curve.y) for _, curve in curves):
         place.set_ylim(0, None)
     if len(kinds) > 1:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from haptorb.arrays import Array
 from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, check_distance
 from haptorb.devices.electromagnet import Hand
-from haptorb.devices.geometry import Geometry, Rod, list_assumed
+from haptorb.devices.geometry import Edge, Geometry, Rod, list_assumed
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.display import format_quantity
 from haptorb.errors import InputError
@@ -237,16 +237,13 @@ def arm_geometry(device: Arm) -> Geometry:
     else:
         ring = np.array([(x, 0.0, z), (-x, 0.0, z), (-x, 0.0, -z), (x, 0.0, -z)])
     depth = np.array([0.0, y, 0.0])
-    edges = [
-        *((ring[k] + side * depth, ring[k - 1] + side * depth) for side in (-1.0, 1.0) for k in range(len(ring))),
-        *((corner - depth, corner + depth) for corner in ring[:: max(len(ring) // 4, 1)]),
-    ]
+    closed = np.concatenate([ring, ring[:1]])
+    edges = [closed + side * depth for side in (-1.0, 1.0)]
+    edges += [np.stack([corner - depth, corner + depth]) for corner in ring[:: max(len(ring) // 4, 1)]]
     return Geometry(
         round_parts=(),
-        rods=(
-            Rod("end effector", -0.5 * depth, np.zeros(3)),
-            *(Rod("edge of the workspace", start, end) for start, end in edges),
-        ),
+        rods=(Rod("end effector", -0.5 * depth, np.zeros(3)),),
+        edges=tuple(Edge(f"workspace, edge {number}", points) for number, points in enumerate(edges, 1)),
         notes=(
             "not stated in the device file: links, joints and motors",
             *list_assumed(device.assumed, ("workspace",)),

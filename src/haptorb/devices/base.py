@@ -496,7 +496,8 @@ def register_implementations(found: Sequence[Implementation]) -> None:
 
 def unsupported(device: Device, what: str, function: Any) -> InputError:
     """The error for a program `what` whose device function has no implementation for the kind of `device`."""
-    able = " and ".join(sorted(f"{one.kind.title}s" for one in function.registry if "kind" in vars(one)))
+    *others, last = sorted(f"{one.kind.title}s" for one in function.registry if "kind" in vars(one))
+    able = f"{', '.join(others)} and {last}" if others else last
     return InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {able}")
 
 

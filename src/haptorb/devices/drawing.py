@@ -190,7 +190,12 @@ def draw_section(axes: Any, geometry: Geometry, plane: SectionPlane) -> dict[str
         _draw_part(axes, part, plane, entries)
     for rod in geometry.rods:
         ends = 1e3 * plane.project(np.stack([rod.start, rod.end]))
-        (entries[rod.name],) = axes.plot(ends[:, 0], ends[:, 1], color="0.2", ls="-.", lw=1, label=rod.name)
+        across = np.ptp(ends[:, :2], axis=0).max() < 1.0  # seen along its axis
+        style = {"marker": "o", "ms": 5, "ls": ""} if across else {"ls": "-.", "lw": 1}
+        (entries[rod.name],) = axes.plot(ends[:, 0], ends[:, 1], color="0.2", label=rod.name, **style)
+    for edge in geometry.edges:
+        x, z = (1e3 * plane.project(edge.points))[:, :2].T
+        (entries["edge of the workspace"],) = axes.plot(x, z, color=REACH, lw=1.5)
     for role, marker, colour in (("sensor", "s", SENSOR), ("mark", "o", "k")):
         _draw_spots(axes, geometry.select_spots(role), plane, (role, marker, colour), entries)
     _section_view_finish(axes, geometry, plane)
@@ -394,6 +399,8 @@ def draw_space(axes: Any, geometry: Geometry) -> None:
         axes.add_collection3d(solid)
     for rod in geometry.rods:
         axes.plot(*(1e3 * np.stack([rod.start, rod.end])).T, color="0.2", lw=1.2, ls="-.")
+    for edge in geometry.edges:
+        axes.plot(*(1e3 * edge.points).T, color=REACH, lw=1.5)
     for role, marker, colour in (("sensor", "s", SENSOR), ("mark", "o", "k")):
         spots = geometry.select_spots(role)
         if spots:
@@ -417,7 +424,7 @@ def _draw_dome(axes: Any, radius: float) -> None:
 
 def _space_view_finish(axes: Any, geometry: Geometry, corners: Array) -> None:
     points = [corners, *(spot.position[None] for spot in geometry.spots)]
-    points += [np.stack([rod.start, rod.end]) for rod in geometry.rods]
+    points += [np.stack([rod.start, rod.end]) for rod in geometry.rods] + [edge.points for edge in geometry.edges]
     everything = 1e3 * np.concatenate(points)
     low, high = everything.min(axis=0), everything.max(axis=0)
     bar = 1e3 * choose_bar(geometry.size)

@@ -11,7 +11,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 
-__all__ = ["Ball", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "describe_geometry", "list_assumed"]
+__all__ = ["Ball", "Edge", "Geometry", "Reach", "Rod", "RoundPart", "Spot", "describe_geometry", "list_assumed"]
 
 
 @final
@@ -79,6 +79,15 @@ class Reach:
 
 @final
 @dataclass(frozen=True)
+class Edge:
+    """Line that bounds the workspace, fixed to the stator."""
+
+    name: str
+    points: Array  #: (n, 3) of the polygon [m]
+
+
+@final
+@dataclass(frozen=True)
 class Geometry:
     """All parts of a device with size and position, as the console and `haptorb show` draw them.
 
@@ -92,6 +101,8 @@ class Geometry:
         Points, such as field sensors [m].
     rods : tuple of Rod
         Rods, such as a handle [m].
+    edges : tuple of Edge
+        Lines that bound a workspace that is no part of a sphere [m].
     reach : Reach, optional
         Workspace of the mover.
     notes : tuple of str
@@ -102,6 +113,7 @@ class Geometry:
     balls: tuple[Ball, ...] = ()
     spots: tuple[Spot, ...] = ()
     rods: tuple[Rod, ...] = ()
+    edges: tuple[Edge, ...] = ()
     reach: Reach | None = None
     notes: tuple[str, ...] = ()
 
@@ -117,6 +129,7 @@ class Geometry:
             ends.append(float(np.linalg.norm(part.position)) + float(np.hypot(part.outer_radius, part.length / 2)))
         ends += [float(np.linalg.norm(spot.position)) for spot in self.spots]
         ends += [float(np.linalg.norm(point)) for rod in self.rods for point in (rod.start, rod.end)]
+        ends += [float(np.linalg.norm(edge.points, axis=1).max()) for edge in self.edges]
         return max([*ends, self.reach.farthest if self.reach else 0.0, 1e-6])
 
 
@@ -135,7 +148,7 @@ def list_assumed(assumed: Mapping[str, str], keys: Collection[str]) -> tuple[str
 
 
 _UNITS = {
-    **dict.fromkeys(("position", "inner_radius", "outer_radius", "length", "radius", "start", "end"), "m"),
+    **dict.fromkeys(("position", "inner_radius", "outer_radius", "length", "radius", "start", "end", "points"), "m"),
     **dict.fromkeys(("nearest", "farthest"), "m"),
     "half_angle": "deg",
 }
@@ -148,6 +161,7 @@ def describe_geometry(geometry: Geometry) -> dict[str, Any]:
         "balls": [_describe(ball) for ball in geometry.balls],
         "spots": [_describe(spot) for spot in geometry.spots],
         "rods": [_describe(rod) for rod in geometry.rods],
+        "edges": [_describe(edge) for edge in geometry.edges],
         "workspace": None if geometry.reach is None else _describe(geometry.reach),
         "notes": list(geometry.notes),
     }

@@ -52,7 +52,7 @@ from websockets.typing import Subprotocol
 from haptorb.arrays import Array
 from haptorb.control.trips import CoilState, GuardState, Trip
 from haptorb.devices.base import Device
-from haptorb.devices.geometry import Ball, Rod, RoundPart, Spot
+from haptorb.devices.geometry import Ball, RoundPart, Spot
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb.serve.base import (
@@ -122,7 +122,10 @@ def make_shape(device: Device, stamp: Timestamp) -> SceneUpdate:
     entities = [_describe_part(part, rest, stamp) for part in geometry.round_parts]
     entities += [_describe_ball(ball, stamp) for ball in geometry.balls]
     entities += [_describe_spot(spot, _SPOT_RADIUS_FRACTION * geometry.size, stamp) for spot in geometry.spots]
-    entities += [_describe_rod(rod, rest, _ROD_THICKNESS_FRACTION * geometry.size, stamp) for rod in geometry.rods]
+    thickness = _ROD_THICKNESS_FRACTION * geometry.size
+    entities += [_describe_line(rod.name, np.stack([rod.start, rod.end]) - rest, MOVER, thickness, stamp)
+                 for rod in geometry.rods]  # fmt: skip
+    entities += [_describe_line(edge.name, edge.points, STATOR, thickness, stamp) for edge in geometry.edges]
     return SceneUpdate(entities=entities)
 
 
@@ -206,15 +209,15 @@ def _describe_spot(spot: Spot, radius: float, stamp: Timestamp) -> SceneEntity:
     return SceneEntity(timestamp=stamp, frame_id=STATOR, id=spot.name, frame_locked=True, spheres=[sphere])
 
 
-def _describe_rod(rod: Rod, rest: Array, thickness: float, stamp: Timestamp) -> SceneEntity:
+def _describe_line(name: str, points: Array, frame: str, thickness: float, stamp: Timestamp) -> SceneEntity:
     line = LinePrimitive(
         type=LinePrimitiveLineType.LineStrip,
         pose=_make_pose(np.zeros(3)),
         thickness=thickness,
-        points=_make_points((rod.start - rest, rod.end - rest)),
+        points=_make_points(points),
         color=_make_colour("rod"),
     )
-    return SceneEntity(timestamp=stamp, frame_id=MOVER, id=rod.name, frame_locked=True, lines=[line])
+    return SceneEntity(timestamp=stamp, frame_id=frame, id=name, frame_locked=True, lines=[line])
 
 
 # --------------------------------------------------------------------------------------------------

@@ -100,6 +100,18 @@ def test_a_mistake_is_one_message_and_no_file(capsys, tmp_path, monkeypatch, wor
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["planar", "arm", "arm-touch"])
+def test_an_edge_of_the_workspace_and_a_tool_are_drawn_to_scale(name):
+    device = haptorb.load(name)
+    figure = device.draw("section")
+    axes = figure.axes[0]
+    drawn = np.concatenate([line.get_xydata() for line in axes.lines if len(line.get_xydata())])
+    known = [1e3 * edge.points[:, [0, 2]] for edge in device.geometry().edges]
+    assert len(known) == (0 if name == "planar" else 6)
+    for points in known:
+        assert all(np.abs(drawn - point).max(axis=1).min() < 1e-9 for point in points)
+
+
 def test_a_kind_without_geometry_says_so(monkeypatch):
     omni = haptorb.load("omni")
     monkeypatch.setattr(type(omni), "geometry", lambda self: None)

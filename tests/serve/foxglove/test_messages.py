@@ -95,7 +95,7 @@ def test_the_arrow_points_along_the_force() -> None:
     assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(2.0 * ARROW)
 
 
-@pytest.mark.parametrize("name", ["omni", "pmsm"])
+@pytest.mark.parametrize("name", ["omni", "pmsm", "arm", "arm-touch"])
 def test_the_shape_has_every_part_of_the_device(name: str) -> None:
     device = load(name)
     shape = make_shape(device, Timestamp(1, 0))
@@ -111,7 +111,13 @@ def test_the_shape_has_every_part_of_the_device(name: str) -> None:
         assert np.ptp(points[:, 2]) == pytest.approx(part.length)
     for ball in geometry.balls:
         assert entities[ball.name]["spheres"][0]["size"]["x"] == pytest.approx(2 * ball.radius)
-    assert len(entities) == len(geometry.round_parts) + len(geometry.balls) + len(geometry.spots) + len(geometry.rods)
+    known = geometry.round_parts, geometry.balls, geometry.spots, geometry.rods, geometry.edges
+    assert len(entities) == sum(map(len, known))
+    for edge in geometry.edges:
+        entity = entities[edge.name]
+        assert entity["frame_id"] == "stator"
+        points = [[point[axis] for axis in "xyz"] for point in entity["lines"][0]["points"]]
+        assert np.allclose(points, edge.points)
 
 
 @pytest.mark.parametrize("inner", [0.0, 0.01])
