@@ -40,6 +40,8 @@ export interface Scene {
   parts?: RoundPart[];
   sensors?: [number, number, number][];
   marks?: [number, number, number][];
+  /** polygons that bound the workspace [m] */
+  edges?: [number, number, number][][];
   /** what the device file does not state */
   notes?: string[];
 }

@@ -140,11 +140,13 @@ def _(device: SphericalMotor) -> dict[str, Any]:
 
 
 def describe_parts(geometry: Geometry) -> dict[str, Any]:
-    """Describe round parts, field sensors and marks with their positions, and notes on what the device file omits."""
+    """Describe round parts, field sensors, marks and edges of a workspace with their positions, and notes on what the
+    device file omits."""
     return {
         "parts": [_describe_part(part) for part in geometry.round_parts],
         "sensors": [spot.position.tolist() for spot in geometry.select_spots("sensor")],
         "marks": [spot.position.tolist() for spot in geometry.select_spots("mark")],
+        "edges": [edge.points.tolist() for edge in geometry.edges],
         "notes": list(geometry.notes),
     }
 

@@ -75,3 +75,10 @@ def test_a_kind_without_a_scene_of_its_own_is_drawn_by_its_geometry():
     scene = describe_scene.dispatch(object)(haptorb.load("omni"))
     assert scene["kind"] == "axes"
     assert len(coils(scene)) == 3
+
+
+def test_an_arm_is_drawn_by_the_edges_of_its_workspace() -> None:
+    arm = haptorb.load("arm-touch")
+    edges = [np.array(edge) for edge in describe_scene(arm)["edges"]]
+    assert len(edges) == 6
+    assert np.abs(np.concatenate(edges)).max(axis=0) == pytest.approx(arm.workspace.half)

@@ -55,12 +55,18 @@ export class AxesSubject implements Subject {
       const ends = new BufferGeometry().setFromPoints([along.clone().multiplyScalar(-AXIS), along.clone().multiplyScalar(AXIS)]);
       return new Line(ends, new LineBasicMaterial());
     });
+    const edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
+    const edges = (scene.edges ?? []).map((points) => {
+      const corners = points.map((point) => new Vector3(...point).multiplyScalar(MM));
+      return new Line(new BufferGeometry().setFromPoints(corners), edge);
+    });
     const copper = new MeshPhongMaterial({ color: "#a8623a", specular: "#442", shininess: 30 });
-    this.group.add(...axes, ...(coils ? [coils] : partsOf(scene, "coil").map((coil) => placePart(coil, copper))), chips(scene));
+    this.group.add(...axes, ...edges, ...(coils ? [coils] : partsOf(scene, "coil").map((coil) => placePart(coil, copper))), chips(scene));
     stage.canvas.ariaLabel =
       "Axes, and a marker for the mover. Arrow keys move it as seen here, plus and minus along z, question mark lists all keys.";
     stage.scene.add(this.group, this.mover.group, this.goal.group, this.given.mesh, this.asked.mesh);
     const dress = (): void => {
+      edge.color.set(css("--text"));
       axes.forEach((axis, i) => axis.material.color.set(css(`--s${"xyz"[i]!}`)));
       touch();
     };

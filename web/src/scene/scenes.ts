@@ -37,7 +37,10 @@ const AXES: DeviceScene = {
   colours: "none",
   home: (session) => {
     const [x, y, z] = session.scene.rest ?? [0, 0, 0];
-    return { azimuth: -62, elevation: 26, distance: 262, centre: [x * MM, y * MM, z * MM] };
+    const corners = (session.scene.edges ?? []).flat();
+    const reach = Math.max(0, ...corners.map((at) => Math.hypot(at[0] - x, at[1] - y, at[2] - z) * MM));
+    const distance = Math.max(262, (innerWidth < 600 ? 5 : 3.9) * reach); // a telephone upright is narrower than high
+    return { azimuth: -62, elevation: 26, distance, centre: [x * MM, y * MM, z * MM] };
   },
   subject: (stage, session) => new AxesSubject(stage, session.scene, session.limits),
   readings: (session) => new PlaceReadouts(session),
