@@ -19,6 +19,7 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from time import time
 from typing import Any, BinaryIO, Protocol, final
 
 from haptorb.cache_folder import cache_folder, find_home
@@ -419,8 +420,11 @@ class FileLock:
     def __init__(self, path: Path | str) -> None:
         self.there = False
         self._descriptor = -1
-        import fcntl  # not at the top: Windows has none, and only a servo needs it
-
+        try:
+            import fcntl
+        except ImportError:  # Windows: a file that is in use cannot be removed there
+            self.there = os.path.exists(path)
+            return
         with suppress(FileNotFoundError):
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
             with suppress(OSError):  # a file system without locks: then `sweep` cannot lock it either, and lets it be
@@ -458,8 +462,10 @@ def sweep() -> int:
 
 def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
     """Whether `entry` had no owner; then it is gone."""
-    import fcntl
-
+    try:
+        import fcntl
+    except ImportError:
+        return _remove_if_old(entry)
     try:
         found = entry.stat(follow_symlinks=False)
         if found.st_uid != os.geteuid() or not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
@@ -478,4 +484,21 @@ def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
         return False
     finally:
         os.close(descriptor)
+    return True
+
+
+_OLD_S = 7 * 86400.0  #: age from which a file without a lock has no owner; on Windows, one in use cannot be removed
+
+
+def _remove_if_old(entry: os.DirEntry[str]) -> bool:
+    """Whether `entry` was old, on a system without locks; then it is gone."""
+    try:
+        if time() - entry.stat(follow_symlinks=False).st_mtime < _OLD_S:
+            return False
+        if entry.is_dir(follow_symlinks=False):
+            shutil.rmtree(entry.path)
+        else:
+            os.unlink(entry.path)
+    except OSError:
+        return False
     return True

@@ -216,9 +216,10 @@ def show(
     """Choose a design in the browser, see its device in three dimensions, and feel it, SIMULATED."""
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
-    from haptorb.runtime.linux import require_linux
+    from haptorb.runtime.linux import describe_timing
 
-    require_linux("`haptorb design show`")
+    if timing := describe_timing():
+        say(timing)
     from haptorb_design.chooser import Chooser
     from haptorb_design.results_table import ResultsTable
     from haptorb_design.store import read_results

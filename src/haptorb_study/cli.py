@@ -473,7 +473,7 @@ def run(
     address: AddressOption = "",
 ) -> None:
     """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
-    from haptorb.runtime.linux import require_linux
+    from haptorb.runtime.linux import describe_timing, is_windows
     from haptorb.web.server import PageAddress
     from haptorb_study.codes import check_code
     from haptorb_study.data_kind import check_contents
@@ -481,13 +481,16 @@ def run(
     from haptorb_study.recordings import find_recording_path, name_parts
     from haptorb_study.study_file import read_study
 
-    require_linux("`haptorb study run`")
     where = PageAddress(host, address)
     known = read_study(file)
     if participant is not None:
         participant = check_code(participant)
     elif terminal:
         raise InputError("--terminal needs --participant CODE, such as P01")
+    if terminal and is_windows():
+        raise InputError(
+            "--terminal reads single keys, which a console of Windows does not send: leave it out, for pages"
+        )
     if terminal and (known.mask is not None or lsl is not None):
         raise InputError("masking noise and LSL streams need the browser: leave out --terminal")
     print_forecast(known)
@@ -505,6 +508,8 @@ def run(
 
     pilot = pilot or driver == "sim"  # the simulated device renders no force to a participant
     start(None)  # not opened: wrong drivers, trackers, frames and streams are refused before a database is created
+    if timing := describe_timing():
+        say(timing)
     streams = None
     if lsl is not None:
         from haptorb_study.streams import open_streams

@@ -79,7 +79,7 @@ def feel(
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Feel designs, rate each from 1 to 7, and compare them. Writes a report at the end."""
-    from haptorb.runtime.linux import require_linux
+    from haptorb.runtime.linux import describe_timing
     from haptorb.web.server import PageAddress
     from haptorb_study.feel import FeelSession
     from haptorb_study.feel.live_session import LiveSession
@@ -88,7 +88,8 @@ def feel(
     from haptorb_study.feel.trace import FELT
     from haptorb_study.feel_limits import DesignChoice
 
-    require_linux("`haptorb feel`")
+    if timing := describe_timing():
+        say(timing)
     where = PageAddress(host, address)
     choice = DesignChoice.of(designs, world or [], settings or [])
     candidates = choice.load()

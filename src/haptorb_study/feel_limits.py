@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from haptorb.errors import InputError
-from haptorb.runtime.linux import start_python
+from haptorb.runtime.linux import lower_share, start_python
 
 if TYPE_CHECKING:
     from haptorb_study.feel import Candidate, Candidates
@@ -141,7 +141,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
 
 def main(asked: str) -> None:
     """Print the margin of each design as one line of JSON, at the gains of the design file."""
-    os.nice(19)
+    lower_share(19)
     from haptorb.cli.check_world import Setting, judge_world
     from haptorb.devices.loader import load
 

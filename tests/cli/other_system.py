@@ -1,6 +1,7 @@
 """Another operating system, for want of one: `python other_system.py win32 FOLDER` hides what only Linux has.
 
-Then it uses what needs no real-time loop, and prints one JSON object: name of each part, and what it came to.
+Then it uses what needs no Linux, and prints one JSON object: name of each part, and what it came to. The processes that
+it starts are of that system, too: `python other_system.py win32 -m MODULE ARGUMENTS`.
 """
 
 import ctypes
@@ -10,16 +11,21 @@ import mmap
 import os
 import pkgutil
 import re
+import runpy
 import select
+import selectors
 import signal
 import socket
+import subprocess
 import sys
 import tempfile
+import threading
 import time
 import traceback
+import urllib.request
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
-from functools import partial
+from functools import partial, partialmethod
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,13 +45,22 @@ concurrent.futures.process multiprocessing.popen_spawn_posix multiprocessing.res
 multiprocessing.connection ipaddress inspect platform shutil getpass
 """
 
+#: those that the processes of a run use
+FEW_PACKAGES = """
+numpy.ma numpy.polynomial scipy.spatial.transform scipy.special scipy.optimize scipy.integrate scipy.linalg scipy.fft
+scipy.interpolate numba llvmlite.binding pydantic asyncio mcap.writer zstandard cloudpickle subprocess tempfile
+multiprocessing multiprocessing.popen_fork multiprocessing.popen_spawn_posix multiprocessing.resource_tracker
+multiprocessing.connection concurrent.futures.process csv pickle statistics uuid html difflib importlib.metadata
+inspect platform shutil getpass ipaddress selectors runpy
+"""
+
 #: modules of Linux, attributes of modules that Windows does not have, and folders of Linux
 MODULES = "fcntl resource termios tty pty pwd grp syslog posix readline curses smbus2 serial.serialposix"
-ATTRIBUTES = {
+ATTRIBUTES_OF_WINDOWS = {
     os: r"sched_|posix_|memfd_|pidfd_|eventfd|timerfd|splice|fork|register_at_fork|(get|set)e?[ug]id|(get|set)res|"
     r"(get|set)priority|getloadavg|uname|sysconf|pathconf|fpathconf|p(read|write)v?$|fchmod|fchown|chown|lchown|killpg|"
     r"(get|set)p?[gs]id|set_blocking|get_blocking|pipe2|mkfifo|mknod|statvfs|sendfile|wait[34i]|openpty|ttyname|nice$|"
-    r"O_(NONBLOCK|CLOEXEC|NOFOLLOW|DIRECTORY|SYNC|DSYNC|NOCTTY|PATH|TMPFILE)|SCHED_|PRIO_|MFD_|WNOHANG|CLONE_",
+    r"O_(NONBLOCK|CLOEXEC|NOFOLLOW|DIRECTORY|SYNC|DSYNC|NOCTTY|PATH|TMPFILE)|SCHED_|PRIO_|MFD_|CLONE_",
     signal: r"SIG(KILL|HUP|USR|ALRM|CHLD|STOP|CONT|TSTP|QUIT|RT|XCPU|IO|PIPE)|setitimer|alarm|"
     r"pause|pthread_|sig(wait|pend)",
     select: r"e?poll|EPOLL|POLL",
@@ -53,30 +68,52 @@ ATTRIBUTES = {
     mmap: r"MAP_|PROT_|MADV_",
     time: r"clock_|CLOCK_|pthread_|tzset",
 }  # fmt: skip
+#: what macOS does not have: it has processes as Linux, but other clocks, schedulers and limits
+ATTRIBUTES_OF_MACOS = {
+    os: r"sched_|posix_fa|memfd_|pidfd_|eventfd|timerfd|splice|(get|set)res|pipe2|O_(PATH|TMPFILE)|SCHED_|MFD_|CLONE_",
+    signal: r"SIGRT|sigtimedwait|sigwaitinfo",
+    select: r"epoll|EPOLL",
+    socket: r"AF_NETLINK|AF_PACKET|SO_PEERCRED|SO_BINDTODEVICE",
+    mmap: r"MAP_POPULATE|MADV_(DONTFORK|HUGEPAGE)",
+    time: r"CLOCK_(BOOTTIME|TAI)|pthread_getcpuclockid",
+}  # fmt: skip
 FOLDERS = re.compile(r"/(proc|sys|dev(?!/(null|u?random)\b)|run)(/|$)")
 
-#: of haptorb itself: what is not even imported elsewhere
-OF_LINUX = re.compile(r"haptorb\.runtime\.(keep_core_awake|loop|\w+_process)\b")
+DESIGNS = """
+title = "Door"
+world = "snap_fit"
+
+[common]
+material = "ABS"
+friction = 0.3
+width = "6 mm"
+thickness = "1.5 mm"
+base_length = "15 mm"
+peak = "18.5 mm"
+height = "1.5 mm"
+top = "flat"
+
+[design.easy]
+retention = "45 deg"
+"""
 
 
-def hide(system):
-    """From here on this is `system` ("win32"), as far as Python tells."""
-    for name in PACKAGES.split():
+def hide(system, packages=PACKAGES):
+    """From here on this is `system` ("win32"), as far as Python tells; so are the processes that are started."""
+    for name in packages.split():
         import_module(name)
-    # On Windows a process is spawned without this helper, and there is one way to end it. Here the helper starts before
-    # its calls are hidden.
-    sys.modules["multiprocessing.resource_tracker"].ensure_running()
-    process = sys.modules["multiprocessing.popen_fork"].Popen
-    process.kill = process.terminate
-    for name in MODULES.split():
-        sys.modules[name] = None
-    # asyncio and threadpoolctl do on each system what is right there
-    socket.socketpair = partial(socket.socketpair, socket.AF_UNIX)
-    threadpoolctl.ThreadpoolController._find_libraries_with_linux = lambda self: None
-    for module, names in ATTRIBUTES.items():
-        for name in [name for name in vars(module) if re.match(names, name)]:
-            delattr(module, name)
+    selectors.DefaultSelector = selectors.SelectSelector
+    from haptorb.runtime import linux
+
+    # Not sys.platform itself: other people's packages would load another system's parts, late ones too.
+    linux.sys = SimpleNamespace(platform=system)
+    linux.python_command = lambda module, *arguments, isolated=False: [
+        sys.executable, "-P", __file__, system, "-m", module, *arguments
+    ]  # fmt: skip
     tempfile._O_TMPFILE_WORKS = False  # it looked for the flag when it was imported
+    if system == "win32":
+        hide_posix(linux)
+    sys.addaudithook(refuse_folders)
     load = ctypes.CDLL.__init__
 
     def load_library(self, name, *others, **more):
@@ -85,12 +122,35 @@ def hide(system):
         load(self, name, *others, **more)
 
     ctypes.CDLL.__init__ = load_library
-    sys.addaudithook(refuse_folders)
+    for module, names in (ATTRIBUTES_OF_WINDOWS if system == "win32" else ATTRIBUTES_OF_MACOS).items():
+        for name in [name for name in vars(module) if re.match(names, name)]:
+            delattr(module, name)
     warnings.filterwarnings("error", category=EncodingWarning, module=r"haptorb\.")  # a file's text has an encoding
-    # Not sys.platform itself: other people's packages would load another system's parts, late ones too.
-    from haptorb.runtime import linux
 
-    linux.sys = SimpleNamespace(platform=system)
+
+def hide_posix(linux):
+    """What macOS has and Windows does not."""
+    # On Windows a process is spawned without this helper, and there is one way to end it. Here the helper starts before
+    # its calls are hidden.
+    sys.modules["multiprocessing.resource_tracker"].ensure_running()
+    process = sys.modules["multiprocessing.popen_fork"].Popen
+    process.kill = process.terminate
+    subprocess.Popen.kill = subprocess.Popen.terminate = partialmethod(subprocess.Popen.send_signal, 9)
+    for name in MODULES.split():
+        sys.modules[name] = None
+    # asyncio and threadpoolctl do on each system what is right there
+    socket.socketpair = partial(socket.socketpair, socket.AF_UNIX)
+    threadpoolctl.ThreadpoolController._find_libraries_with_linux = lambda self: None
+    linux._runs_on_windows = runs  # there is no kernel32.dll
+
+
+def runs(pid):
+    """As Windows' kernel tells it."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def refuse_folders(event, values):
@@ -110,7 +170,7 @@ def import_everything():
             import_module(found.name)
         except Exception as cause:  # whatever it is: the test names it
             failed[found.name] = f"{type(cause).__name__}: {cause}"
-    return {name: why for name, why in failed.items() if not OF_LINUX.match(name)}
+    return failed
 
 
 def run_command(*words):
@@ -125,6 +185,30 @@ def run_command(*words):
             code = end.code
     out.flush()
     return code, out.buffer.getvalue().decode("cp1252"), err.getvalue()
+
+
+def run_with_page(*words):
+    """As `run_command`, ended by Ctrl-C when its page was read: with how many bytes it answered."""
+    from haptorb.cli import main
+
+    out, err, page = io.StringIO(), io.StringIO(), []
+
+    def read():
+        while (found := re.search(r"http://\S+", err.getvalue().replace("\n", " ") + " ")) is None:
+            time.sleep(0.02)
+        with urllib.request.urlopen(found[0], timeout=20) as answer:
+            page.append(len(answer.read()))
+        time.sleep(1.0)
+        signal.raise_signal(signal.SIGINT)
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as end:
+            code = end.code
+    return code, f"page of {page[0]} bytes" if page else "no page", err.getvalue()
 
 
 def compute():
@@ -161,6 +245,33 @@ def record(folder):
     return bool((recording.rows == rows).all())
 
 
+def write_world(folder):
+    """A world that does not return from a call after 300 ticks."""
+    path = folder / "stuck.py"
+    path.write_text(
+        "import numpy as np\n\n\ndef Stuck(state):\n    while state.t > 0.3:\n        pass\n    return np.zeros(6)\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+def run_servo(folder):
+    """A dome felt from Python: the greatest force, the share of ticks in time, what a changed world and a Stop did."""
+    import haptorb
+
+    with haptorb.Servo("omni", "dome", record=folder / "servo.mcap") as servo:
+        servo.point((0.012, 0.0, servo.device.contact_distance))
+        servo.run(0.5)
+        servo.set_world("wall")
+        servo.run(0.2)
+        servo.stop()
+        servo.run(0.2)
+    recording = haptorb.Recording(folder / "servo.mcap")
+    rows, at = recording.rows, servo.layout
+    force = ((rows[:, at["given"]][:, :3] ** 2).sum(axis=1) ** 0.5).max()
+    return {"rows": len(rows), "force": force, "last": abs(rows[-1, at["duties"]]).max()}
+
+
 def write_samples(folder):
     """A recording of some ticks of the simulated Omni, and a design file."""
     sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -173,6 +284,8 @@ def write_samples(folder):
 
 def use(folder):
     """Parts of the package that need no loop: name → what each came to."""
+    designs = folder / "designs.toml"
+    designs.write_text(DESIGNS, encoding="utf-8")
     study, answers = folder / "study.toml", folder / "study.db"
     run, sweep = folder / "ticks.mcap", folder / "sweep.sqlite"
     study.write_text('name = "small"\n[set_points]\npoints = [{ number = 1, theta_deg = 0 },'
@@ -202,12 +315,18 @@ def use(folder):
         "design sweep": lambda: run_command(
             "design", "sweep", folder / "small.toml", "--into", sweep, "--count", 4, "--processes", 1
         ),
-        "servo": lambda: import_module("haptorb").Servo("omni"),
-        "run": lambda: run_command("run"),
-        "study run": lambda: run_command("study", "run", study),
-        "feel": lambda: run_command("feel", "designs.toml"),
+        "servo": lambda: run_servo(folder),
+        "hang": lambda: run_command("run", "--world", f"{write_world(folder)}:Stuck", "--headless", "--duration", 5),
+        "real servo": lambda: import_module("haptorb").Servo("omni", driver="serial:COM3"),
+        "run": lambda: run_command("run", "--headless", "--duration", 1, "--record", folder / "headless.mcap", "--json"),
+        "run console": lambda: run_with_page("run", "pmsm", "--port", 0),
+        "serve": lambda: run_command("run", "--serve", "haply"),
+        "study run": lambda: run_with_page("study", "run", study, "-p", "P01", "--port", 0, "--db", folder / "run.db"),
+        "study run in a terminal": lambda: run_command("study", "run", study, "--terminal", "-p", "P01"),
+        "feel": lambda: run_with_page("feel", designs, "--port", 0),
+        "feel headless": lambda: run_command("feel", designs, "--headless", "--duration", 1, "--json"),
         "check": lambda: run_command("check"),
-        "design show": lambda: run_command("design", "show", sweep),
+        "design show": lambda: run_with_page("design", "show", sweep, "--port", 0),
         "probe": lambda: run_command("hardware", "probe"),
         "monitor": lambda: run_command("hardware", "monitor", "--driver", "serial:COM3"),
         "emulate": lambda: run_command("hardware", "emulate"),
@@ -216,11 +335,13 @@ def use(folder):
     }
 
 
-def main(system, folder):
-    """Hide, use, tell."""
+def main(system, folder, *only):
+    """Hide, use, tell; `only` these parts."""
     hide(system)
     told = {}
-    for name, part in use(Path(folder)).items():
+    parts = use(Path(folder))
+    for name in only or parts:
+        part = parts[name]
         begun = time.monotonic()
         try:
             told[name] = {"result": part()}
@@ -230,5 +351,15 @@ def main(system, folder):
     print(json.dumps(told))
 
 
+def run_module(system, module, arguments):
+    """Run a process of a run."""
+    hide(system, FEW_PACKAGES)
+    sys.argv = [module, *arguments]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if sys.argv[2] == "-m":
+        run_module(sys.argv[1], sys.argv[3], sys.argv[4:])
+    else:
+        main(*sys.argv[1:])

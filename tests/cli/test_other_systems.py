@@ -1,4 +1,4 @@
-"""What needs no real-time loop works where nothing of Linux is; what needs one says so in one line."""
+"""Simulated devices, studies and pages work where nothing of Linux is; real devices and servers say so in one line."""
 
 import json
 import os
@@ -6,24 +6,30 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from time import monotonic, sleep
 
 import pytest
 import typer
 
+import haptorb
 from haptorb.cli.program import app
 from haptorb.errors import PlatformError
 from haptorb.runtime.linux import WORKS_ANYWHERE, require_linux
 
+PROGRAM = str(Path(__file__).with_name("other_system.py"))
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory):
+
+def use(system, folder, *only):
     """What each part came to, in a process from which modules, names and folders of Linux are hidden."""
-    folder = tmp_path_factory.mktemp("elsewhere")
-    program = Path(__file__).with_name("other_system.py")
-    command = [sys.executable, "-X", "warn_default_encoding", str(program), "win32", str(folder)]
+    command = [sys.executable, "-X", "warn_default_encoding", PROGRAM, system, str(folder), *only]
     done = subprocess.run(command, capture_output=True, encoding="utf-8", env={**os.environ, "COLUMNS": "100"})
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    return use("win32", tmp_path_factory.mktemp("elsewhere"))
 
 
 @pytest.fixture
@@ -37,7 +43,7 @@ def result(told):
     return find
 
 
-def test_every_module_but_the_loop_s_own_is_imported(result):
+def test_every_module_is_imported(result):
     assert result("imports") == {}
 
 
@@ -69,22 +75,96 @@ def test_magnetics_and_recordings(result):
         ("replay", "bit for bit"),
         ("view", '"ticks": 50'),
         ("design sweep", "4 designs"),
+        ("run", '"coil_state": "off"'),
+        ("feel headless", "pull_out_force_n"),
     ],
 )
-def test_a_command_without_a_loop_works(result, part, expected):
+def test_a_command_works(result, part, expected):
     code, out, err = result(part)
     assert code in (0, 1), err  # 1: its verdict is no
     assert expected in out
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize(
-    "part", ["run", "study run", "feel", "check", "design show", "probe", "monitor", "emulate", "calibrate", "bench"]
-)
+def test_a_run_says_what_is_promised_about_time(result):
+    assert "Windows has no real-time scheduler for the loop" in " ".join(result("run")[2].split())
+
+
+@pytest.mark.parametrize("part", ["run console", "study run", "feel", "design show"])
+def test_a_page_is_served_until_ctrl_c(result, part):
+    code, page, err = result(part)
+    assert code in (0, None, 130), err
+    assert page.startswith("page of "), err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("system", ["win32", "darwin"])
+def test_a_world_is_felt_from_python(told, system, tmp_path):
+    there = told if system == "win32" else use(system, tmp_path, "servo")
+    assert "error" not in there["servo"], there["servo"]["error"]
+    found = there["servo"]["result"]
+    assert found["rows"] > 100
+    assert found["force"] > 0.01
+    assert found["last"] == 0.0
+
+
+def test_a_world_that_does_not_return_is_ended(result):
+    code, _, err = result("hang")
+    assert code == 2
+    assert "world 'stuck' hangs" in err
+
+
+@pytest.mark.parametrize("system", ["win32", "darwin"])
+def test_nothing_is_left_of_a_run_that_was_killed(system, tmp_path):
+    """No parent-death signal there: servo and recorder find it out, and the recording is whole up to then."""
+    record = tmp_path / "run.mcap"
+    words = ["haptorb", "run", "--headless", "--record", str(record)]
+    mark = f"MARK={tmp_path}"
+    run = subprocess.Popen(
+        [sys.executable, PROGRAM, system, "-m", *words], env={**os.environ, "MARK": str(tmp_path)},
+        stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: record.exists() and record.stat().st_size > 20_000 and len(find(mark)) >= 3, 60)
+    finally:
+        run.kill()
+        run.communicate()
+    wait_until(lambda: not find(mark), 10)
+    recording = haptorb.Recording(record)
+    assert len(recording.rows) > 10
+    assert (recording.rows[-1, recording.layout["duties"]] == 0).all()
+
+
+def find(mark):
+    """Processes whose environment holds `mark`."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark.encode() in (entry / "environ").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def wait_until(holds, patience):
+    end = monotonic() + patience
+    while not holds():
+        assert monotonic() < end
+        sleep(0.05)
+
+
+@pytest.mark.parametrize("part", ["serve", "check", "probe", "monitor", "emulate", "calibrate", "bench"])
 def test_what_needs_linux_says_so_in_one_line(result, part):
     code, out, err = result(part)
     assert (code, out) == (2, "")
     assert "needs Linux, and this is Windows. Available here: " in " ".join(err.split())
+
+
+def test_a_session_in_a_terminal_is_refused(result):
+    code, out, err = result("study run in a terminal")
+    assert (code, out) == (2, "")
+    assert "leave it out" in " ".join(err.split())
 
 
 def test_every_command_is_told_to_work_or_not(root):
@@ -99,10 +179,10 @@ def test_every_command_is_told_to_work_or_not(root):
             assert name in works
 
 
-def test_a_servo_says_so_too(told):
-    kind, message, _ = told["servo"]["error"]
+def test_a_servo_of_a_real_device_says_so_too(told):
+    kind, message, _ = told["real servo"]["error"]
     assert kind == "PlatformError"
-    assert message.startswith("haptorb.Servo needs Linux, and this is Windows. ")
+    assert message.startswith("a real driver needs Linux, and this is Windows. ")
     assert "\n" not in message
 
 

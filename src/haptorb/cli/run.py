@@ -218,11 +218,10 @@ def run(
     """Run a device with a world and the console. Default: simulated Omni with a dome."""
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
-    from haptorb.runtime.linux import require_linux
+    from haptorb.runtime.linux import describe_timing
     from haptorb.runtime.prestart import PrestartedProcess
     from haptorb.web.server import PageAddress
 
-    require_linux("`haptorb run`")
     where = PageAddress(host, address)
     with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
         from haptorb.cli.progress import build_tables
@@ -265,6 +264,8 @@ def run(
                 say(remark)
         if servo.coupling:
             say(servo.coupling)
+        if timing := describe_timing():
+            say(timing)
         with Serving(choices, servo) as serving:
             number = (
                 _run_without_console(servo, standby, serving, duration, json)

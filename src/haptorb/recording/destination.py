@@ -26,7 +26,8 @@ __all__ = ["RunRecording", "complete", "create_recording", "create_temporary", "
 # The file of a recording, opened before anything starts, so that errors occur before the run.
 
 
-_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+_MODE = 0o444 if os.name == "posix" else 0o666  # Windows: the recorder opens the file again, by its name
 
 
 def create_recording(path: Path, *, overwrite: bool) -> int:
@@ -44,7 +45,7 @@ def create_recording(path: Path, *, overwrite: bool) -> int:
             if not path.is_file():
                 raise RecordingError(f"cannot record to {path}: it is not a regular file")
             path.unlink()
-        return os.open(path, _FLAGS, 0o444)
+        return os.open(path, _FLAGS, _MODE)
     except OSError as cause:
         raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another folder") from cause
     except ValueError as cause:  # a zero byte in its name
@@ -58,6 +59,8 @@ def complete(descriptor: int, *, temporary: bool) -> None:
     """
     mask = os.umask(0o077)
     os.umask(mask)
+    if not hasattr(os, "fchmod") or os.name != "posix":  # the file was never protected
+        return
     os.fchmod(descriptor, 0o600 if temporary else 0o666 & ~mask)  # safety: recording-mode
 
 
@@ -103,12 +106,17 @@ class RunRecording:
             return None
         if self._where is None:
             self._path, descriptor, self._claim = create_temporary()
-            weakref.finalize(self, self._path.unlink, missing_ok=True)
+            weakref.finalize(self, _remove, self._path)
             return descriptor
         path = Path(self._where).expanduser().absolute()
         descriptor = create_recording(path, overwrite=self._overwrite)
         self._path = path
         return descriptor
+
+    @property
+    def path(self) -> Path | None:
+        """The file, once it exists."""
+        return self._path
 
     def discard(self) -> None:
         """Delete the file, if nothing ran."""
@@ -122,6 +130,11 @@ class RunRecording:
         if self._path is None:
             raise RecordingError("nothing was recorded: the servo was not started, or recording was off")
         return Recording(self._path)
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):  # Windows: it is still open
+        path.unlink(missing_ok=True)
 
 
 # --------------------------------------------------------------------------------------------------

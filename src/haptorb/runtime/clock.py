@@ -3,7 +3,8 @@
 `time.sleep` returns 80 µs late; a sleep to an absolute time that ends early, and a spin over the remaining time, is a
 few microseconds late. Work that needs no deadline is done between the two. The spin is always a small part of the
 period: a thread that spins a whole period under a real-time scheduler is throttled by the kernel for 50 ms
-and more.
+and more. Systems other than Linux have no such sleep: there a relative one ends half a period early, at most a
+millisecond, and the spin over the rest costs processor time.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from __future__ import annotations
 import ctypes
 import errno
 import math
-from time import monotonic_ns
+from time import monotonic_ns, sleep
 from typing import final
 
 from haptorb.errors import InputError
+from haptorb.runtime.linux import is_linux
 
 __all__ = ["FASTEST", "SLOWEST", "Clock", "Schedule", "check_rate"]
 
@@ -90,6 +92,7 @@ class Schedule:
 _CLOCK_MONOTONIC = 1
 _TIMER_ABSTIME = 1
 _MAX_SPIN_NS = 60_000  #: longest spin [ns]
+_MAX_OVERSLEEP_NS = 1_000_000  #: on other systems than Linux a sleep may end this late [ns]
 
 
 class _Timespec(ctypes.Structure):
@@ -110,6 +113,9 @@ class Clock:
         self._deadline = self.schedule.origin
         self._until = _Timespec()  # reused: no allocation per tick
         self._at = ctypes.addressof(self._until)
+        self._exact = is_linux()
+        if not self._exact:
+            return
         self._nanosleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep  # here: only Linux has it
         self._nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
         self._nanosleep.restype = ctypes.c_int
@@ -118,6 +124,9 @@ class Clock:
         """Sleep until shortly before the next deadline, despite signals; return it on the loop's clock [s]."""
         schedule, until = self.schedule, self._until
         self._deadline = deadline = schedule.next(monotonic_ns())
+        if not self._exact:
+            sleep(max(deadline - min(_MAX_OVERSLEEP_NS, schedule.period // 2) - monotonic_ns(), 0) * 1e-9)
+            return schedule.time(deadline)
         until.seconds, until.nanoseconds = divmod(deadline - self._early, 1_000_000_000)
         while self._nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._at, None) == errno.EINTR:
             pass

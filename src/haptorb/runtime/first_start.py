@@ -20,7 +20,7 @@ from time import monotonic, sleep
 
 from haptorb.cache_folder import cache_folder
 from haptorb.runtime import plan
-from haptorb.runtime.linux import die_with_parent, is_parent_gone
+from haptorb.runtime.linux import die_with_parent, is_parent_gone, lower_share
 from haptorb.runtime.prestart import PLAN, WANTED, code_note
 from haptorb.runtime.warm_up import Compilation
 
@@ -39,7 +39,7 @@ def main(what: str, folder: Path, parent: int) -> int:
     compilation = Compilation(plan.load(folder / PLAN).config)
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:
-        os.nice(_NICE)
+        lower_share(_NICE)
         _take_turn()
         parts = _compile_catalogue(compilation, folder)
     for _ in parts:
@@ -58,9 +58,10 @@ def _compile_catalogue(compilation: Compilation, folder: Path) -> Iterator[str]:
 
 def _take_turn() -> None:
     """Wait for exclusive access: one process at a time compiles the catalogue, the next finds it in the cache."""
-    with suppress(OSError):  # no writable cache folder
+    with suppress(OSError, ImportError):  # no writable cache folder; Windows: no such lock, and both compile
+        import fcntl
+
         descriptor = os.open(cache_folder() / "compiling", os.O_CREAT | os.O_RDWR, 0o600)
-        import fcntl  # not at the top: Windows has none
 
         end = monotonic() + _MAX_WAIT_S
         while monotonic() < end:

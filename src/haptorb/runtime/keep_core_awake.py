@@ -36,7 +36,7 @@ class CoreWaker:
 
     def __init__(self, core: int) -> None:
         self._process: subprocess.Popen[bytes] | None = None
-        if os.sched_getaffinity(0) != {core} or not hasattr(os, "SCHED_IDLE"):
+        if not hasattr(os, "SCHED_IDLE") or os.sched_getaffinity(0) != {core}:
             return
         # Imports neither the package nor its libraries: it starts within milliseconds and needs a few megabytes.
         program = [sys.executable, "-I", "-S", __file__, str(os.getpid()), str(core)]
@@ -70,7 +70,7 @@ def busy_share(before: Times, after: Times) -> float:
 def _read_other_cores(core: int) -> Times:
     """Read the kernel's counters of all cores but `core`."""
     worked, passed = 0, 0
-    with open("/proc/stat") as stat:
+    with open("/proc/stat", encoding="ascii") as stat:
         for line in stat:
             name, *counts = line.split()
             if not name.startswith("cpu"):

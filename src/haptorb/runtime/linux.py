@@ -1,8 +1,13 @@
-"""Linux facilities of the real-time loop (scheduling, timers, signals), and the message on other systems."""
+"""Operating-system facilities of the loop: Linux's for real time, and what a simulated device uses on other systems.
+
+A real device needs Linux: its scheduler, its timers and its signals switch the coils off in time. A simulated device
+runs anywhere; what differs there is timing.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import gc
 import os
 import queue
@@ -32,13 +37,17 @@ __all__ = [
     "Termination",
     "TickTimeout",
     "claim",
+    "describe_timing",
     "die_with_parent",
     "end_group",
     "end_process",
     "hold_signals",
     "is_linux",
     "is_parent_gone",
+    "is_running",
+    "is_windows",
     "lower_priority",
+    "lower_share",
     "prepare_thread",
     "raise_priority",
     "raise_termination",
@@ -54,9 +63,9 @@ __all__ = [
 
 
 WORKS_ANYWHERE = (
-    "`haptorb` inspect, devices, worlds, keys, show, info, export, replay, view, check --world, design (all but show), "
-    "reproduce, fit-multipole, train, estimators, guidance, study (all but run), calibrate (simulated) and frame; in "
-    "Python all but haptorb.Servo and real drivers"
+    "simulated devices, and `haptorb` run, feel, inspect, devices, worlds, keys, show, info, export, replay, view, "
+    "check --world, design, reproduce, fit-multipole, train, estimators, guidance, study, calibrate and frame; in "
+    "Python all but real drivers, trackers in a process of their own, and servers"
 )  #: printed on other systems
 _NAMES = {"darwin": "macOS", "win32": "Windows"}
 
@@ -74,6 +83,21 @@ def require_linux(what: str, instead: str = WORKS_ANYWHERE) -> None:
     if not is_linux():
         system = _NAMES.get(sys.platform, sys.platform)
         raise PlatformError(f"{what} needs Linux, and this is {system}. Available here: {instead}")
+
+
+def is_windows() -> bool:
+    """Whether this is Windows: processes do not inherit descriptors there, and have no parent."""
+    return sys.platform == "win32"
+
+
+def describe_timing() -> str:
+    """One line on what is promised about time on this system; empty on Linux, where the report states it."""
+    if is_linux():
+        return ""
+    return (
+        f"{_NAMES.get(sys.platform, sys.platform)} has no real-time scheduler for the loop: ticks may be late by "
+        "milliseconds; the report states how many were in time. Real devices need Linux."
+    )
 
 
 # --------------------------------------------------------------------------------------------------
@@ -124,7 +148,14 @@ def request_real_time(*, real_time: bool = True) -> Facts:
 
     Without a real-time scheduler the process is not bound to a core either: the kernel could then not migrate it from
     a busy one. Nor is it where other servos have claimed all cores: two real-time loops on one core delay each other.
+    On other systems nothing is requested.
     """
+    if not is_linux():
+        cores = os.cpu_count() or 1
+        return {
+            "policy": "ordinary", "priority": 0, "memory_locked": False, "exact_timers": False, "core": -1,
+            "cores": cores,
+        }  # fmt: skip
     slack = request_exact_timers()
     fifo = real_time and _fifo(_PRIORITY)
     if fifo:
@@ -144,6 +175,8 @@ def request_real_time(*, real_time: bool = True) -> Facts:
 
 def request_exact_timers() -> bool:
     """Set the timer slack of this thread to its minimum; False if refused."""
+    if not is_linux():
+        return False
     # By default, timers may be up to 50 µs late so that wake-ups can be coalesced.
     return bool(_libc().prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0)
 
@@ -158,11 +191,20 @@ def raise_priority(number: int = 0) -> bool:
 
 def lower_priority() -> None:
     """Return this process to the ordinary scheduler."""
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    if is_linux():
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def lower_share(by: int) -> None:
+    """Give this process a smaller share of the processor, by `by` steps of nice, where the system has them."""
+    if hasattr(os, "nice"):
+        os.nice(by)
 
 
 def _fifo(priority: int, number: int = 0) -> bool:
+    if not is_linux():
+        return False
     try:
         os.sched_setscheduler(number, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError:
@@ -225,10 +267,15 @@ class _Times(ctypes.Structure):
 class KillTimer:
     """Watchdog that ends this process by SIGKILL; started by the first `set`.
 
-    Raises ServoError if the kernel has no such timers.
+    Raises ServoError if the kernel has no such timers. On other systems a thread of C code, which needs no lock of the
+    interpreter, ends the process instead.
     """
 
     def __init__(self) -> None:
+        self._portable = not is_linux()
+        if self._portable:
+            self._nowhere = os.open(os.devnull, os.O_WRONLY)  # for the life of the process
+            return
         libc = ctypes.CDLL(None, use_errno=True)
         if not hasattr(libc, "timer_create"):
             libc = ctypes.CDLL("librt.so.1", use_errno=True)  # where it was before glibc 2.34
@@ -244,6 +291,9 @@ class KillTimer:
 
     def set(self, seconds: float) -> None:
         """Start or restart the timer: the process is killed `seconds` from now unless this is called again before."""
+        if self._portable:
+            faulthandler.dump_traceback_later(seconds, exit=True, file=self._nowhere)
+            return
         self._times.first_s, self._times.first_ns = divmod(int(seconds * 1e9), 1_000_000_000)
         self._settime(self._timer, 0, self._at, None)
 
@@ -259,21 +309,54 @@ def die_with_parent(number: signal.Signals | None = None) -> None:
     """Have the kernel send the signal `number` when the parent ends; None: SIGKILL.
 
     The kernel sends it when the *thread* ends that started this process. Processes are therefore started by a thread
-    that lives as long as its program (`starter`); with another signal, check `is_parent_gone` as well.
+    that lives as long as its program (`starter`); with another signal, check `is_parent_gone` as well. On other systems
+    nothing is sent: there a process ends when it finds that its parent has.
     """
+    if not is_linux():
+        return
     _libc().prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number), 0, 0, 0)
 
 
 def is_parent_gone(parent: int) -> bool:
-    """Whether the process `parent` is no longer this one's parent, because it has ended."""
-    return os.getppid() != parent
+    """Whether the process `parent`, which started this one, has ended."""
+    return not is_running(parent) if is_windows() else os.getppid() != parent
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process `pid` runs, on any system; one that has ended and was not waited for still counts elsewhere
+    than on Windows."""
+    if is_windows():
+        return _runs_on_windows(pid)
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _runs_on_windows(pid: int) -> bool:
+    synchronize, timed_out = 0x00100000, 0x102  # SYNCHRONIZE, WAIT_TIMEOUT
+    kernel: Any = ctypes.CDLL("kernel32")
+    kernel.OpenProcess.restype = ctypes.c_void_p
+    kernel.OpenProcess.argtypes = (ctypes.c_uint32, ctypes.c_int, ctypes.c_uint32)
+    kernel.WaitForSingleObject.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
+    kernel.CloseHandle.argtypes = (ctypes.c_void_p,)
+    handle = kernel.OpenProcess(synchronize, 0, pid)
+    if not handle:
+        return False
+    try:
+        return bool(kernel.WaitForSingleObject(handle, 0) == timed_out)
+    finally:
+        kernel.CloseHandle(handle)
 
 
 def end_group(leader: int) -> None:
-    """Kill all processes of the group of `leader`, except the calling one."""
+    """Kill all processes of the group of `leader`, except the calling one; only Linux lists them."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError):
-            group = int((folder / "stat").read_text().rpartition(")")[2].split()[2])
+            group = int((folder / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[2])
             if group == leader and (number := int(folder.name)) != os.getpid():
                 os.kill(number, signal.SIGKILL)
 
@@ -306,6 +389,7 @@ def prepare_thread() -> bool:
 
 
 _POLL_INTERVAL_S = 0.05  #: between two checks for an interruption
+_CREATE_NEW_PROCESS_GROUP = 0x200  #: of Windows
 _KILL_TIMEOUT_S = 2.0  #: for a killed process to end; the kernel may block one that waits for a disk
 
 Job = tuple[Sequence[str], dict[str, Any], "Future[subprocess.Popen[bytes]]"]
@@ -335,7 +419,9 @@ def start_python(module: str, *arguments: str, isolated: bool = False, **options
     Ctrl-C in the terminal then reaches only the parent, which ends its children in order.
     """
     command = python_command(module, *arguments, isolated=isolated)
-    return start(command, **{"start_new_session": True, "env": environment(), **options})
+    # On Windows a process has no session, but a group.
+    apart = {"creationflags": _CREATE_NEW_PROCESS_GROUP} if os.name == "nt" else {"start_new_session": True}
+    return start(command, **{**apart, "env": environment(), **options})
 
 
 def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted: threading.Event | None = None) -> bool:

@@ -7,6 +7,7 @@ starved of processor time on a busy computer still runs. The kernel distinguishe
 
 from __future__ import annotations
 
+import mmap
 import os
 import time
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from typing import final
+
+from haptorb.runtime.linux import is_linux
 
 __all__ = [
     "LATE",
@@ -43,6 +46,8 @@ _THREAD_CHECK_INTERVAL_NS = 20_000_000  #: the same for the threads; about 20 µ
 def state_of(pid: int) -> Callable[[], str]:
     """Return a function that reads the state of the process `pid` in /proc/PID/stat: "R" running, "T" stopped, "t"
     stopped by a debugger, "X" ended; empty where the kernel does not report it."""
+    if not is_linux():
+        return lambda: ""
     try:
         file = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -116,6 +121,8 @@ class ProcessorWait:
 
     def update(self, now: int) -> bool:
         """Whether it was starved since the last update; `now` on the monotonic clock [ns]. False at the first."""
+        if not is_linux():
+            return False
         try:
             used = time.clock_gettime_ns(self._clock)
         except OSError:
@@ -200,7 +207,7 @@ class HangWatch:
         """
         used = -1
         with suppress(OSError, ValueError):
-            used = int(self._path.read_text().split()[0])  # [ns]
+            used = int(self._path.read_text(encoding="utf-8").split()[0])  # [ns]
         return self._stall.update(monotonic(), used) if used >= 0 else 0.0
 
 
@@ -219,7 +226,7 @@ class StarvedTime:
         True
         """
         with suppress(OSError, ValueError, IndexError):
-            return 1e-9 * int(self._path.read_text().split()[1])
+            return 1e-9 * int(self._path.read_text(encoding="utf-8").split()[1])
         return 0.0
 
 
@@ -234,7 +241,7 @@ _MEMORY_CHECK_INTERVAL_S = 1.0  #: between two measurements
 def resident_memory(pid: int) -> int | None:
     """Resident memory of the process `pid` [bytes]; None if it has ended."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1]) * mmap.PAGESIZE
     except (OSError, IndexError, ValueError):
         return None
 

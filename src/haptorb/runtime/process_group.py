@@ -24,7 +24,7 @@ from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.runtime.black_box import BlackBox
 from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
-from haptorb.runtime.linux import END_SIGNALS, end_process, raise_priority, repeat_signal, wait_for_end
+from haptorb.runtime.linux import END_SIGNALS, end_process, is_linux, raise_priority, repeat_signal, wait_for_end
 from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, StarvedTime, state_of
 from haptorb.runtime.prestart import WANTED, PrestartedProcess, start_module
 from haptorb.runtime.report import count_recorded
@@ -62,7 +62,7 @@ class SignalStop:
         self._shared, self._stop = shared, stop
         self._descriptor = -1
         self._last = (0, -math.inf)  #: signal, time at which it was read [s]
-        if threading.current_thread() is not threading.main_thread():
+        if threading.current_thread() is not threading.main_thread() or not is_linux():
             return
         descriptor = os.open(shared.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         os.lseek(descriptor, shared.signals_at, os.SEEK_SET)
@@ -253,27 +253,32 @@ class ProcessGroup:
         """Whether the loop runs: the process exists and has neither ended nor failed."""
         return self._shared.phase is Phase.RUNNING and self._servo.poll() is None
 
-    def record(self, descriptor: int, rate: float, temporary: Path | None, notes: Mapping[str, Any]) -> None:
-        """Start the recorder, which writes `notes` and the rows of a loop at `rate` [Hz] to the open file `descriptor`.
+    def record(
+        self, descriptor: int | None, file: Path, rate: float, notes: Mapping[str, Any], *, temporary: bool
+    ) -> None:
+        """Start the recorder, which writes `notes` and the rows of a loop at `rate` [Hz] to `file`, open as
+        `descriptor`.
 
         It may delete a `temporary` file.
         """
         spec = {
             "shared": str(self._shared.path),
-            "descriptor": descriptor,
+            "file": descriptor,
             "servo": self.servo_pid,
             "parent": os.getpid(),
             "rate": rate,
             "unix_minus_monotonic": time_ns() - monotonic_ns(),
-            "temporary": None if temporary is None else str(temporary),
+            "temporary": str(file) if temporary else None,
             "notes": notes,
         }
         path = self._errors.with_name("recorder.json")  # it may exceed the length limit of a command line
+        if os.name != "posix":  # descriptors are not inherited
+            spec["file"], descriptor = str(file), None
         path.write_text(json.dumps(spec), encoding="utf-8")
-        with path.open("rb") as file:
+        with path.open("rb") as settings:
             self._recorder = start_module(
                 "haptorb.runtime.recorder_process",
-                errors=self._errors, stdin=file.fileno(), descriptor=descriptor, isolated=True,
+                errors=self._errors, stdin=settings.fileno(), descriptor=descriptor, isolated=True,
             )  # fmt: skip
 
     def track(self, tracker: Preparation, frame: TrackerFrame | None) -> None:
@@ -399,10 +404,12 @@ class ProcessGroup:
         if self._end_sent:
             return
         self._end_sent = True
-        for patience, force in ((_END_TIMEOUT_S, signal.SIGTERM), (_END_TIMEOUT_S / 2, signal.SIGKILL)):
+        for patience, force in (
+            (_END_TIMEOUT_S, self._servo.terminate), (_END_TIMEOUT_S / 2, self._servo.kill),
+        ):  # fmt: skip
             if wait_for_end(self._servo, patience):
                 break
-            self._servo.send_signal(force)
+            force()
         else:
             wait_for_end(self._servo, _END_TIMEOUT_S)  # killed: soon, unless the kernel blocks it
         self._end_group()
@@ -451,12 +458,14 @@ class ProcessGroup:
             self._hang = _HANG.format(world, still)  # safety: world-hung
             self._servo.kill()
             self._end_group()
-        elif still > _STUCK_TIMEOUT_S and not self._asked:
+        elif still > _STUCK_TIMEOUT_S and not self._asked and hasattr(signal, "SIGUSR2"):
             self._servo.send_signal(signal.SIGUSR2)
         self._asked = still > _STUCK_TIMEOUT_S  # once: a second signal could interrupt the handling of the first
 
     def _end_group(self) -> None:
         """End the remaining processes of the servo's group: those that a world has started."""
+        if not hasattr(os, "killpg"):  # Windows: they live on
+            return
         with suppress(OSError):
             os.killpg(self._servo.pid, signal.SIGKILL)  # safety: world-children
 
@@ -474,7 +483,7 @@ class ProcessGroup:
 
     def _describe_end(self) -> str:
         try:
-            return self._errors.read_text(errors="replace")[-2000:].strip()
+            return self._errors.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
         except OSError:
             return ""
 

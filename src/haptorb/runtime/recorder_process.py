@@ -15,12 +15,13 @@ import signal
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 from haptorb.recording.destination import complete
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
-from haptorb.runtime.linux import KillTimer, end_group, is_parent_gone
+from haptorb.runtime.linux import END_SIGNALS, KillTimer, end_group, is_parent_gone, is_running
 from haptorb.runtime.shared_memory import REGULAR, Phase, SharedMemory, Word, split_snapshot
 
 __all__ = ["main"]
@@ -32,10 +33,10 @@ _WATCHDOG_TIMEOUT_S = 30.0  #: watchdog timeout: without a poll for this long th
 def main(spec: Mapping[str, Any]) -> int:
     """Record until the servo has ended; returns the exit code.
 
-    `spec`: shared (path), descriptor (of the open file), servo and parent (process ids), rate [Hz],
+    `spec`: shared (path), file (descriptor of the open file, or its path), servo and parent (process ids), rate [Hz],
     unix_minus_monotonic [ns], notes (name → texts), temporary (path to remove if the parent is gone, or null).
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # it ends after the servo; until then rows are recorded
     shared = SharedMemory(Path(spec["shared"]))
     try:
@@ -56,7 +57,7 @@ def main(spec: Mapping[str, Any]) -> int:
 
 def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
     words = shared.words
-    with os.fdopen(spec["descriptor"], "wb") as file:
+    with open(spec["file"], "wb") as file:
         recorder = Recorder(file, shared.layout, spec["rate"], spec["unix_minus_monotonic"])
         for name, values in spec["notes"].items():
             recorder.add_metadata(name, values)
@@ -120,8 +121,11 @@ class _ProcessExit:
     """Waits for the end of a process that is not a child of this one, also of one that was not reaped yet."""
 
     def __init__(self, pid: int) -> None:
+        self._pid, self._ended = pid, False
+        self._poll: select.poll | None = None
+        if not hasattr(os, "pidfd_open"):
+            return
         self._poll = select.poll()
-        self._ended = False
         try:
             self._poll.register(os.pidfd_open(pid), select.POLLIN)
         except ProcessLookupError:
@@ -129,7 +133,11 @@ class _ProcessExit:
 
     def wait(self, milliseconds: int) -> bool:
         """Wait for at most `milliseconds`; True as soon as the process has ended."""
-        self._ended = self._ended or bool(self._poll.poll(milliseconds))
+        if self._poll is not None:
+            self._ended = self._ended or bool(self._poll.poll(milliseconds))
+        else:
+            sleep(1e-3 * milliseconds)
+            self._ended = self._ended or not is_running(self._pid)
         return self._ended
 
 

@@ -160,7 +160,7 @@ class Servo:
     CalibrationError
         If a calibration or frame cannot be read, or belongs to another device or tracker.
     PlatformError
-        If this is not Linux.
+        If this is not Linux and the driver is a real one, or the tracker has a process of its own.
     """
 
     def __init__(
@@ -189,7 +189,6 @@ class Servo:
         hand: str | Path | ScriptedMotion | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        require_linux("haptorb.Servo")
         settings: dict[str, Any] = {
             "world": world, "driver": driver, "tracker": tracker, "prediction": prediction, "frame": frame,
             "rate": rate, "seed": seed, "model": model, "estimator": estimator, "gains": gains,
@@ -197,6 +196,10 @@ class Servo:
             "grip": grip, "latency": latency, "hand": hand,
         }  # fmt: skip
         self.config = config = _describe(device, settings)
+        if config.driver != "sim":
+            require_linux("a real driver")
+        if config.has_feed:
+            require_linux("a tracker in a process of its own")
         self.hand = HandCommands(config, lambda: self._memory)
         self.tracker_token = ""  #: token that senders on other computers must send first; set by `open`
         name, (plain, _) = name_of(config.world), split_remote(config.world)
@@ -363,7 +366,9 @@ class Servo:
             self._signals = SignalStop(self._shared, self.stop)
             self._children = ProcessGroup(process, self._shared, self._black_box, self._signals)
         if descriptor is not None:
-            self._children.record(descriptor, self.rate, self._recording.temporary_path, notes)
+            path, temporary = self._recording.path, self._recording.temporary_path is not None
+            assert path is not None
+            self._children.record(descriptor, path, self.rate, notes, temporary=temporary)
         if tracker is not None:
             self.tracker_token = tracker.token
             self._children.track(tracker, self.config.frame)

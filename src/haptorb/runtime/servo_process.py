@@ -30,7 +30,16 @@ from haptorb.errors import HaptorbError
 from haptorb.runtime import plan as plans
 from haptorb.runtime.clock import Clock
 from haptorb.runtime.keep_core_awake import CoreWaker
-from haptorb.runtime.linux import KillTimer, TickTimeout, die_with_parent, end_group, is_parent_gone, request_real_time
+from haptorb.runtime.linux import (
+    END_SIGNALS,
+    KillTimer,
+    TickTimeout,
+    die_with_parent,
+    end_group,
+    is_linux,
+    is_parent_gone,
+    request_real_time,
+)
 from haptorb.runtime.loop import Loop, load_loop
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.prestart import PLAN
@@ -123,7 +132,8 @@ def main(folder: Path, parent: int) -> int:
 def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     end_signals = _EndSignals(parent)
     # A fork in a world would be a second loop on the same device: the child ends before it returns from `fork`.
-    os.register_at_fork(after_in_child=partial(os._exit, _FORKED_EXIT_CODE))  # safety: world-forked
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=partial(os._exit, _FORKED_EXIT_CODE))  # safety: world-forked
     plan = plans.load(path)
     shared.announce_world(description(plan.config.world))
     gc.disable()  # compiling makes a million permanent objects; scanning them took an eighth of a first start
@@ -160,7 +170,8 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         shared.warning.write(disagreement(chain.driver.calibration, believed) or chain.remark)
         clock = Clock(plan.config.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
-        die_with_parent(signal.SIGUSR1)  # from here on an orderly end, with the coils off first ...
+        if is_linux():
+            die_with_parent(signal.SIGUSR1)  # from here on an orderly end, with the coils off first ...
         timer.set(_FIRST_TICK_TIMEOUT_S)  # ... enforced by the watchdog
         well = loop.run(clock)
     finally:
@@ -238,10 +249,11 @@ class _EndSignals:
         self.loop: Loop | None = None  #: once set, a signal takes effect after the current tick
         self.early = 0  #: a signal from before that; a callback may suppress its SystemExit
         self._parent = parent
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in END_SIGNALS:
             signal.signal(number, self._end)
-        signal.signal(signal.SIGUSR1, self._on_parent_death)
-        signal.signal(signal.SIGUSR2, self._on_stuck_tick)
+        if hasattr(signal, "SIGUSR1"):
+            signal.signal(signal.SIGUSR1, self._on_parent_death)
+            signal.signal(signal.SIGUSR2, self._on_stuck_tick)
 
     def _end(self, number: int, frame: FrameType | None) -> None:
         if self.loop is None:

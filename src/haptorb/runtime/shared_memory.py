@@ -603,6 +603,7 @@ def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateA
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
 _VERSION = 10
 _PAGE = 4096
+_HAS_FLAGS = hasattr(mmap, "MAP_SHARED")
 _END_NUMBERS = frozenset(map(int, END_SIGNALS))
 _TEXTS = 9
 CAPACITY = 8192  #: rows of the ring buffer: 2 s at the fastest rate
@@ -753,12 +754,13 @@ class SharedMemory:
     """
 
     def __init__(self, path: Path, *, populate: bool = False) -> None:
-        flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if populate else 0)
+        # Only Linux loads the pages at once; Windows has no flags.
+        flags = {"flags": mmap.MAP_SHARED | (getattr(mmap, "MAP_POPULATE", 0) if populate else 0)} if _HAS_FLAGS else {}
         with path.open("r+b") as file:
             size = os.fstat(file.fileno()).st_size
             if size < _ROWS:
                 raise ServoError(f"{path} is not a servo's shared memory: too small; end the program that created it")
-            self._map = mmap.mmap(file.fileno(), size, flags=flags)
+            self._map = mmap.mmap(file.fileno(), size, **flags)
         self._claim: FileLock | None = None  # of the process that created it
         memory = memoryview(self._map)
         self.path = path
@@ -809,11 +811,12 @@ class SharedMemory:
                 continue
             try:
                 # Allocate it now: a full memory file system would otherwise kill the loop in the middle of a tick.
-                os.posix_fallocate(descriptor, 0, size)
+                _allocate(descriptor, size)
                 head = np.zeros(16, dtype=np.int64)
                 head[[Word.MAGIC, Word.VERSION, Word.WIDTH, Word.CAPACITY]] = _MAGIC, _VERSION, layout.width, CAPACITY
                 head[_SHARED_MEMORY_LAYOUT] = layout.channels, layout.sensors, layout.contacts, layout.memory
-                os.pwrite(descriptor, head.tobytes(), 0)
+                os.lseek(descriptor, 0, os.SEEK_SET)
+                os.write(descriptor, head.tobytes())
                 made = cls(Path(name))
                 made.hand.write(0, float("nan"))
                 made._claim = claim
@@ -830,8 +833,8 @@ class SharedMemory:
         return cls(Path(path), populate=True)
 
     def unlink(self) -> None:
-        """Remove its name; existing mappings stay valid."""
-        with contextlib.suppress(FileNotFoundError):
+        """Remove its name; existing mappings stay valid. Windows keeps a mapped file: a later `sweep` removes it."""
+        with contextlib.suppress(FileNotFoundError, PermissionError):
             self.path.unlink()
         if self._claim is not None:
             self._claim.close()
@@ -868,6 +871,16 @@ class SharedMemory:
         if number < TRIPS:
             self.trips[number] = t, code
         self.words[Word.TRIPS] = number + 1
+
+
+def _allocate(descriptor: int, size: int) -> None:
+    """Give the file `descriptor` `size` bytes, all zero, that exist; OSError if there is no room for them."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(descriptor, 0, size)
+        return
+    block = bytes(1 << 20)
+    for start in range(0, size, len(block)):
+        os.write(descriptor, block[: size - start])
 
 
 def _create_file(folder: Path) -> tuple[int, str, FileLock]:

@@ -18,7 +18,8 @@ class WorldOutput(TextIOBase):
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        os.set_blocking(descriptor, False)
+        if hasattr(os, "set_blocking"):  # on Windows, a tick that prints more than the pipe holds waits for its reader
+            os.set_blocking(descriptor, False)
 
     def fileno(self) -> int:
         """Descriptor of the pipe."""

@@ -30,7 +30,7 @@ from haptorb.cluster import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
 from haptorb.runtime.config import RunConfig
-from haptorb.runtime.linux import end_process, is_parent_gone, run_uninterrupted
+from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted
 from haptorb.runtime.liveness import HangWatch
 from haptorb.runtime.prestart import start_module
 from haptorb.runtime.servo import Servo
@@ -342,6 +342,8 @@ def check_servers(texts: Sequence[str]) -> tuple[ServerChoice, ...]:
     >>> check_servers(["haply:10001:10020"])
     (ServerChoice(kind='haply', where='10001:10020'),)
     """
+    if texts:
+        require_linux("`--serve`")  # only its kernel tells the account behind a connection
     found: dict[str, ServerChoice] = {}
     for text in texts:
         kind, _, where = text.partition(":")
@@ -485,7 +487,7 @@ class Serving:
     def _explain_end(self, one: _Server) -> str:
         text = ""
         with contextlib.suppress(OSError):
-            text = self._error_file(one).read_text(errors="replace")[-2000:].strip()
+            text = self._error_file(one).read_text(encoding="utf-8", errors="replace")[-2000:].strip()
         code = None if one.process is None else one.process.poll()
         return text or ("no answer" if code is None else f"its process ended with code {code}")
 
@@ -634,7 +636,7 @@ def port_owner(port: int, *, datagrams: bool = False) -> str:
             for descriptor in (process / "fd").iterdir():
                 with suppress(OSError):
                     if str(descriptor.readlink()) in links:
-                        return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+                        return f"{(process / 'comm').read_text(encoding='utf-8').strip()} (process {process.name})"
     return ""
 
 
@@ -642,7 +644,7 @@ def _port_nodes(port: int, table: str) -> set[str]:
     """Inodes of the sockets bound to `port` in one of the kernel's tables."""
     found = set()
     with suppress(OSError):
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+        for line in Path(f"/proc/net/{table}").read_text(encoding="utf-8").splitlines()[1:]:
             words = line.split()
             bound = int(words[1].rpartition(":")[2], 16) == port
             if bound and (table.startswith("udp") or words[3] == "0A"):  # 0A: listening

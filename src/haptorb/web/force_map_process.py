@@ -17,7 +17,7 @@ from typing import Any, final
 from haptorb.arrays import Array
 from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError
-from haptorb.runtime.linux import start_python
+from haptorb.runtime.linux import lower_share, start_python
 from haptorb.web.force_map import Flags
 from haptorb.worlds.base import Sum, World
 
@@ -114,7 +114,7 @@ def main() -> None:
     """Answer requests until the console closes the pipe.
 
     Input: a device, then any number of (name, packed world or None, values, model, points, part to render or None)."""
-    os.nice(10)
+    lower_share(10)
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a world's output is not a reply
     from haptorb.cluster import unpack

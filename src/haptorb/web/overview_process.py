@@ -20,6 +20,7 @@ import numpy as np
 
 from haptorb.errors import HaptorbError, RecordingWarning
 from haptorb.recording.recording import Recording
+from haptorb.runtime.linux import lower_share
 from haptorb.web.overview import BINS, OverviewBins
 
 _ROWS_PER_READ = 4000  #: rows read at once
@@ -31,7 +32,7 @@ _PAUSE_S = 0.4  #: pause per byte received [s]
 def main() -> None:
     """Read all rows and write the overview with its progress."""
     if hasattr(os, "nice"):
-        os.nice(10)
+        lower_share(10)
     paused_until = [0.0]  # [s]
     threading.Thread(target=_receive_pauses, args=(paused_until,), daemon=True).start()
     answers = os.fdopen(os.dup(1), "wb")

@@ -13,7 +13,6 @@ import os
 import re
 import signal
 import socket
-import sys
 import tempfile
 import threading
 import webbrowser
@@ -31,6 +30,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from haptorb.errors import InputError
+from haptorb.runtime.linux import is_linux
 
 __all__ = [
     "HOST",
@@ -167,7 +167,6 @@ def _limit_read_size(transport: asyncio.Transport) -> None:
 HOST = "127.0.0.1"
 _URGENT = -10  #: niceness of the serving thread, and of its session
 _AUTOGROUP = Path("/proc/self/autogroup")
-_LINUX = sys.platform.startswith("linux")
 _MAX_ACCEPTS = 4  #: connections accepted at once, so that a page's pose is not delayed
 _MAX_PENDING_CONNECTIONS = 128  #: backlog of connections that are not accepted yet
 _SEND_BUFFER_BYTES = 262144  #: the kernel's buffer for a slow page [bytes]
@@ -330,11 +329,11 @@ def prioritize() -> Generator[None, None, None]:
     if not frozen:  # else a servo may run already, and the collection could delay the heartbeat of its host
         gc.collect()
     gc.freeze()
-    before = os.getpriority(os.PRIO_PROCESS, 0) if _LINUX else 0  # 0: the calling thread
+    before = os.getpriority(os.PRIO_PROCESS, 0) if is_linux() else 0  # 0: the calling thread
     with contextlib.suppress(OSError):
-        if _LINUX:
+        if is_linux():
             os.setpriority(os.PRIO_PROCESS, 0, _URGENT)
-    session = _set_session_niceness(_URGENT) if _LINUX else None
+    session = _set_session_niceness(_URGENT) if is_linux() else None
     try:
         yield
     finally:
@@ -343,7 +342,7 @@ def prioritize() -> Generator[None, None, None]:
         if session is not None:
             _set_session_niceness(session)
         with contextlib.suppress(OSError):
-            if _LINUX:
+            if is_linux():
                 os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
@@ -352,7 +351,7 @@ def _set_session_niceness(niceness: int) -> int | None:
 
     None if it cannot be set, or is already set: then another program of the session has set it, and restores it."""
     with contextlib.suppress(OSError, ValueError):
-        before = int(_AUTOGROUP.read_text().rpartition("nice")[2])
+        before = int(_AUTOGROUP.read_text(encoding="utf-8").rpartition("nice")[2])
         if before != niceness:
             _AUTOGROUP.write_text(str(niceness))
             return before

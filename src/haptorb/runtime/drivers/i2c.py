@@ -449,7 +449,7 @@ class W1Thermometers:
         while not self._end.is_set():
             for i, file in enumerate(self._files):
                 try:
-                    self._kelvin[i] = int(file.read_text()) / 1000 + 273.15
+                    self._kelvin[i] = int(file.read_text(encoding="utf-8")) / 1000 + 273.15
                 except (OSError, ValueError):
                     self._kelvin[i] = np.nan
             self._first.set()
