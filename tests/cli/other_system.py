@@ -1,7 +1,7 @@
 """Another operating system, for want of one: `python other_system.py win32 FOLDER` hides what only Linux has.
 
 Then it uses what needs no Linux, and prints one JSON object: name of each part, and what it came to. The processes that
-it starts are of that system, too: `python other_system.py win32 -m MODULE ARGUMENTS`.
+it starts are of that system, too: `python other_system.py win32 -m MODULE ARGUMENTS`, or `-f FILE.py ARGUMENTS`.
 """
 
 import ctypes
@@ -318,7 +318,9 @@ def use(folder):
         "servo": lambda: run_servo(folder),
         "hang": lambda: run_command("run", "--world", f"{write_world(folder)}:Stuck", "--headless", "--duration", 5),
         "real servo": lambda: import_module("haptorb").Servo("omni", driver="serial:COM3"),
-        "run": lambda: run_command("run", "--headless", "--duration", 1, "--record", folder / "headless.mcap", "--json"),
+        "run": lambda: run_command(
+            "run", "--headless", "--duration", 1, "--record", folder / "headless.mcap", "--json"
+        ),
         "run console": lambda: run_with_page("run", "pmsm", "--port", 0),
         "serve": lambda: run_command("run", "--serve", "haply"),
         "study run": lambda: run_with_page("study", "run", study, "-p", "P01", "--port", 0, "--db", folder / "run.db"),
@@ -352,14 +354,24 @@ def main(system, folder, *only):
 
 
 def run_module(system, module, arguments):
-    """Run a process of a run."""
-    hide(system, FEW_PACKAGES)
+    """Run a process of a run, or a command."""
+    hide(system, PACKAGES if module == "haptorb" else FEW_PACKAGES)
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+def run_file(system, file, arguments):
+    """Run a user's script."""
+    hide(system)
+    sys.argv = [file, *arguments]
+    sys.path[0] = str(Path(file).absolute().parent)
+    runpy.run_path(file, run_name="__main__")
 
 
 if __name__ == "__main__":
     if sys.argv[2] == "-m":
         run_module(sys.argv[1], sys.argv[3], sys.argv[4:])
+    elif sys.argv[2] == "-f":
+        run_file(sys.argv[1], sys.argv[3], sys.argv[4:])
     else:
         main(*sys.argv[1:])

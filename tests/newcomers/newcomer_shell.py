@@ -10,7 +10,12 @@ import time
 import uuid
 from pathlib import Path
 
-HAPTORB = (sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))")
+#: another operating system, "win32" or "darwin", of which the commands shall be; empty: this one
+SYSTEM = os.environ.get("HAPTORB_NEWCOMERS_SYSTEM", "")
+_ELSEWHERE = [sys.executable, str(Path(__file__).parents[1] / "cli" / "other_system.py"), SYSTEM]
+_HERE = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"]
+HAPTORB = [*_ELSEWHERE, "-m", "haptorb"] if SYSTEM else _HERE
+PYTHON = [*_ELSEWHERE, "-f"] if SYSTEM else [sys.executable, "-W", "error"]
 _PATIENCE = 120.0  #: for a command [s]
 _GONE = 5.0  #: for what a command started, after it has ended [s]
 
@@ -28,7 +33,7 @@ class NewcomerShell:
         """`haptorb …` or `python NAME.py` as it is typed; it must end with `code`, a command without a traceback."""
         program, *words = shlex.split(line)
         script = program == "python"
-        start = [sys.executable, "-W", "error"] if script else [*HAPTORB]
+        start = PYTHON if script else HAPTORB
         done = subprocess.run(
             [*start, *words], cwd=self.folder, env=self._environment, capture_output=True, text=True, check=False,
             timeout=_PATIENCE,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import pytest
 
 from haptorb.cli import main
+from newcomers.newcomer_shell import HAPTORB
 
 DESIGNS = """
 title = "Battery door"
@@ -45,9 +45,8 @@ class Session:
     """`haptorb feel` in a process, its terminal and its page."""
 
     def __init__(self, folder: Path, *words: str) -> None:
-        code = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
         self.process = subprocess.Popen(
-            [sys.executable, "-c", code, "feel", "door.toml", "--port", "0", *words], cwd=folder, text=True, bufsize=1,
+            [*HAPTORB, "feel", "door.toml", "--port", "0", *words], cwd=folder, text=True, bufsize=1,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
         self.said = ""
