@@ -16,6 +16,8 @@ _ELSEWHERE = [sys.executable, str(Path(__file__).parents[1] / "cli" / "other_sys
 _HERE = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"]
 HAPTORB = [*_ELSEWHERE, "-m", "haptorb"] if SYSTEM else _HERE
 PYTHON = [*_ELSEWHERE, "-f"] if SYSTEM else [sys.executable, "-W", "error"]
+#: of the commands; an account without a home has one for the browser's driver only
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != os.environ.get("HAPTORB_NEWCOMERS_WITHOUT")}
 _PATIENCE = 120.0  #: for a command [s]
 _GONE = 5.0  #: for what a command started, after it has ended [s]
 
@@ -27,7 +29,7 @@ class NewcomerShell:
         self.folder = folder
         self._mark = f"HAPTORB_NEWCOMER={uuid.uuid4()}"
         name, _, value = self._mark.partition("=")
-        self._environment = os.environ | {name: value, "XDG_STATE_HOME": str(folder / "state"), "MPLBACKEND": "Agg"}
+        self._environment = ENVIRONMENT | {name: value, "XDG_STATE_HOME": str(folder / "state"), "MPLBACKEND": "Agg"}
 
     def run(self, line: str, code: int = 0) -> subprocess.CompletedProcess[str]:
         """`haptorb …` or `python NAME.py` as it is typed; it must end with `code`, a command without a traceback."""

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from haptorb.cli import main
-from newcomers.newcomer_shell import HAPTORB
+from newcomers.newcomer_shell import ENVIRONMENT, HAPTORB
 
 DESIGNS = """
 title = "Battery door"
@@ -47,7 +47,7 @@ class Session:
     def __init__(self, folder: Path, *words: str) -> None:
         self.process = subprocess.Popen(
             [*HAPTORB, "feel", "door.toml", "--port", "0", *words], cwd=folder, text=True, bufsize=1,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=ENVIRONMENT,
         )  # fmt: skip
         self.said = ""
         self._lines: Queue[str] = Queue()
