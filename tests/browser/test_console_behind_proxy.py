@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
 import socket
 import ssl
 import subprocess
@@ -19,6 +22,7 @@ from haptorb.web.server import PageAddress
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
+NGINX_PROGRAM = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
 PREFIX = "/user/ann/proxy/8765"
 
 
@@ -147,6 +151,47 @@ def test_https_and_a_path(browser: Any, certificate: Path, open_console: Callabl
     assert all(url.split("?")[0].split("//")[1].startswith(f"127.0.0.1:{proxy.port}{PREFIX}/") for url in asked)
     assert all(console.token not in url for url in asked)
     proxy.close()
+
+
+NGINX = """
+daemon off; pid nginx.pid; error_log stderr; {user}
+events {{}}
+http {{
+    access_log off;
+    client_body_temp_path body; proxy_temp_path proxy; fastcgi_temp_path f; uwsgi_temp_path u; scgi_temp_path s;
+    server {{
+        listen 127.0.0.1:{port} ssl;
+        ssl_certificate {certificate}; ssl_certificate_key {certificate};
+        {location}
+    }}
+}}
+"""
+
+
+@pytest.mark.skipif(NGINX_PROGRAM is None, reason="nginx is not installed (Debian: nginx-light)")
+def test_nginx_as_the_page_says(
+    browser: Any, certificate: Path, open_console: Callable[[PageAddress], Console], root: Path, tmp_path: Path
+) -> None:
+    page = (root / "docs" / "how-to" / "reach-the-page.md").read_text(encoding="utf-8")
+    (location,) = re.findall(r"^location /haptorb/ \{.*?^\}", page, re.DOTALL | re.MULTILINE)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    console = open_console(PageAddress(address=f"https://127.0.0.1:{port}/haptorb/"))
+    text = NGINX.format(
+        port=port, certificate=certificate, location=location.replace("8765", str(console.port)),
+        user="user root;" if os.geteuid() == 0 else "",
+    )  # fmt: skip
+    (tmp_path / "nginx.conf").write_text(text, encoding="utf-8")
+    nginx = subprocess.Popen(
+        [str(NGINX_PROGRAM), "-p", str(tmp_path), "-c", "nginx.conf"], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        frames, asked = count_frames(browser, console.url)
+    finally:
+        nginx.terminate()
+        _, err = nginx.communicate(timeout=10)
+    assert frames > 3, err
+    assert any(url.startswith("wss:") for url in asked)
 
 
 def test_another_port_of_this_computer(browser: Any, open_console: Callable[[PageAddress], Console]) -> None:
