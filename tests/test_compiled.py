@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptorb._numba_patches import compile_function
 from haptorb.arrays import Array
 from haptorb.compiled import PostponedKernel, kernel, load_compiler, tick_kernel
 from haptorb.devices import electromagnet_model
@@ -147,6 +148,19 @@ def test_a_tick_kernel_makes_no_array_but_may_call_one_that_does() -> None:
     assert tick_kernel(_add_up_twice)(np.array([1.0, 2.0])) == 6.0
     with pytest.raises(TypingError, match="array"):
         tick_kernel(_fill_new)(2.0)
+
+
+def _subtract_product(a: float, b: float, c: float) -> float:
+    return a * b - c
+
+
+def test_the_compiler_may_reorder_and_fuse_nothing_in_an_exact_kernel() -> None:
+    load_compiler()
+    for exact in (True, False):
+        compiled = compile_function(_subtract_product, "", exact=exact)
+        assert compiled(0.5, 3.0, 1.0) == 0.5
+        text = "".join(compiled.inspect_llvm().values())
+        assert ("reassoc" in text or "contract" in text) is not exact
 
 
 LINEAR_ALGEBRA = """

@@ -57,17 +57,21 @@ def load_numba() -> Any:
     return numba
 
 
-def compile_function(function: Callable[..., Any], folder: str, *, vectors: bool, brief: bool) -> Any:
+def compile_function(
+    function: Callable[..., Any], folder: str, *, vectors: bool = False, brief: bool = False, exact: bool = False
+) -> Any:
     """numba's dispatcher of `function`, with `folder` as its cache ("": none).
 
     vectors: its loops become vector code. brief: no reference is counted and the interpreter lock is not released.
+    exact: operations are neither reordered nor fused.
     """
     numba = load_numba()
     usual = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = folder  # read at the creation of a dispatcher
     try:
         compiled = numba.njit(
-            cache=bool(folder), nogil=not brief, fastmath={"reassoc", "contract"}, error_model="numpy",
+            cache=bool(folder), nogil=not brief, error_model="numpy",
+            fastmath=False if exact else {"reassoc", "contract"},
             **(_list_options(brief) if is_patched(numba.__version__) else {}),
         )(function)  # fmt: skip
     finally:

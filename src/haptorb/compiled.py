@@ -34,6 +34,7 @@ from haptorb.cache_folder import explain_shared, private_folder
 __all__ = [
     "PostponedKernel",
     "UncompiledKernelError",
+    "exact_kernel",
     "forbid_compiling",
     "kernel",
     "load_compiler",
@@ -204,20 +205,20 @@ def _is_ours(function: Callable[..., Any]) -> bool:
     return source.is_absolute() and source.resolve().is_relative_to(_PACKAGE)
 
 
-def _dispatcher(function: Callable[..., Any], vectors: bool, brief: bool) -> Any:
+def _dispatcher(function: Callable[..., Any], options: dict[str, bool]) -> Any:
     """numba's dispatcher: it compiles `function` for each new combination of types."""
     load_numba()
     _watch_compiling()
-    return compile_function(function, _folder(_find_source(function)), vectors=vectors, brief=brief)
+    return compile_function(function, _folder(_find_source(function)), **options)
 
 
 @final
 class PostponedKernel:
     """Placeholder of a kernel until the first call. Other kernels may call it: numba receives the compiled function."""
 
-    def __init__(self, function: Callable[..., Any], vectors: bool = False, brief: bool = False) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, bool] | None = None) -> None:
         update_wrapper(self, function)
-        self._function, self._vectors, self._brief = function, vectors, brief
+        self._function, self._options = function, options or {}
         self._compiled: Any = None
         with suppress(OSError):
             _digest_sources(_find_source(function))
@@ -226,7 +227,7 @@ class PostponedKernel:
     def compiled(self) -> Any:
         """numba's dispatcher of the function, created at the first use."""
         if self._compiled is None:
-            self._compiled = _dispatcher(self._function, self._vectors, self._brief)
+            self._compiled = _dispatcher(self._function, self._options)
         return self._compiled
 
     @property
@@ -266,10 +267,10 @@ def load_compiler() -> None:
                 setattr(module, key, value.compiled)
 
 
-def _compile(function: Function, *, vectors: bool = False, brief: bool = False) -> Function:
+def _compile(function: Function, **options: bool) -> Function:
     if "numba" in sys.modules:
-        return cast(Function, _dispatcher(function, vectors, brief))
-    postponed = PostponedKernel(function, vectors, brief)
+        return cast(Function, _dispatcher(function, options))
+    postponed = PostponedKernel(function, options)
     _POSTPONED.append(postponed)
     return cast(Function, postponed)
 
@@ -285,6 +286,14 @@ def kernel(function: Function) -> Function:
 def vector_kernel(function: Function) -> Function:
     """A `kernel` with vectorised loops: for loops over many numbers, as it takes longer to compile."""
     return _compile(function, vectors=True)
+
+
+def exact_kernel(function: Function) -> Function:
+    """A `kernel` in which operations are neither reordered nor fused: the same bits on every processor.
+
+    For iterations whose number of steps depends on rounding: reordering may change more than the last digit.
+    """
+    return _compile(function, exact=True)
 
 
 def tick_kernel(function: Function) -> Function:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, Record, Records, check_finite, fields, record, vectors
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.control.box_qp import NOT_FINITE, solve_bounded_power, solve_compromise
+from haptorb.control.limited_currents import NOT_FINITE, solve_bounded_power, solve_compromise
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, WrenchMap
 from haptorb.devices.electromagnet import SphericalElectromagnet

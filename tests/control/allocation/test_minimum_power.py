@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from haptorb.control.allocation import MinimumPowerAllocator, minimum_power_currents
-from haptorb.control.box_qp import NOT_FINITE, solve_bounded_power
+from haptorb.control.limited_currents import NOT_FINITE, solve_bounded_power
 from haptorb.devices.base import WrenchMap
 from haptorb.errors import InputError, UnknownName
 

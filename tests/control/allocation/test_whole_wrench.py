@@ -1,10 +1,12 @@
 """Torque on a tool, and force with torque: what arrives, against another way of computing it, and what is admitted."""
 
+import daqp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from haptorb.control.allocation import TORQUE_ARM, Saturation, WholeWrenchAllocator, check_arm, tool_choice
-from haptorb.control.box_qp import AT_CURRENT, AT_POWER, FREE, solve_compromise
+from haptorb.control.limited_currents import AT_CURRENT, AT_POWER, FREE, solve_compromise
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
@@ -106,6 +108,40 @@ def test_no_current_nearby_is_better(m):
         cost = 0.5 * np.einsum("nj,jk,nk->n", tried, H, tried) - tried @ g
         best = 0.5 * currents @ H @ currents - currents @ g
         assert cost.min() >= best - 1e-7 * abs(best)
+
+
+def within_limits(H, g, limit):
+    """DAQP's minimum of ½ iᵀHi − gᵀi within ±limit."""
+    off = np.zeros(len(g), dtype=np.int32)
+    return np.clip(daqp.solve(H, -g, np.zeros((0, len(g))), limit, -limit, off, primal_tol=1e-12)[0], -limit, limit)
+
+
+@pytest.mark.parametrize("m", [1, 3, 6, 8])
+def test_an_independent_solver_finds_no_better_compromise(m):
+    """With more coils than components H is singular, and with a power limit its multiplier is searched for."""
+    rng = np.random.default_rng(20 + m)
+    for n in range(100):
+        H, g, limit, resistance = random_problem(rng, m)
+        g *= rng.uniform(0.01, 1)
+        if n % 5 == 0:
+            limit[0] = 0.0
+        ridge = 1e-12 * H.max() * np.eye(m)
+        best, power = within_limits(H + ridge, g, limit), np.inf
+        if n % 2:
+            power = float(rng.uniform(0.05, 0.95) * (resistance @ best**2)) + 1e-6
+
+            def excess(heat, H=H, g=g, limit=limit, R=resistance, P=power):
+                return R @ within_limits(H + heat * np.diag(R), g, limit) ** 2 - P
+
+            if excess(1e-12 * H.max()) > 0:
+                heat = brentq(excess, 1e-12 * H.max(), 1e6, xtol=1e-15)
+                best = within_limits(H + heat * np.diag(resistance), g, limit)
+        currents = np.empty(m)
+        solve_compromise(H, g, limit, resistance, power, currents)
+        ours, theirs = (0.5 * i @ H @ i - g @ i for i in (currents, best))
+        assert (np.abs(currents) <= limit).all()
+        assert resistance @ currents**2 <= power * (1 + 1e-7)
+        assert ours <= theirs + 1e-7 * abs(theirs)
 
 
 def test_both_is_a_compromise_that_the_arm_decides():

@@ -1,9 +1,6 @@
-"""Minimum-norm solution of three linear equations within a box: semismooth Newton on the dual, in compiled code.
+"""Currents within their limits: least power for a torque or a wrench, and what is given beyond the limits.
 
-The dual function Σ φ_j(Q_jᵀν) − tᵀν (φ_j: Huber's function) is convex and piecewise quadratic, with three unknowns
-for any number of channels. Its minimum is found by Newton steps with an exact line search; without the exact
-search such a method cycles on a good part of all problems. The rows of Q are made orthonormal first, so that an
-ill-conditioned problem costs no iterations.
+Each problem here is brought into one of the two forms of `haptorb.box_qp`.
 """
 
 from __future__ import annotations
@@ -11,21 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.compiled import kernel
+from haptorb.box_qp import GIVEN, NOT_CONVERGED, SCALED, dual_newton, orthonormal_rows, solve_box
+from haptorb.compiled import exact_kernel
 
 __all__ = [
     "AT_CURRENT",
     "AT_POWER",
     "FREE",
-    "GIVEN",
     "NEAREST",
-    "NOT_CONVERGED",
     "NOT_FINITE",
-    "SCALED",
-    "dual_newton",
     "find_reach",
-    "line_search",
-    "orthonormal_rows",
     "reach",
     "solve_bounded_power",
     "solve_compromise",
@@ -34,209 +26,8 @@ __all__ = [
 ]
 
 
-GIVEN = 0  #: the torque is delivered in full
-SCALED = 1  #: beyond the limits: scaled, direction preserved
-NEAREST = 2  #: beyond the limits: the nearest feasible torque
+NEAREST = 2  #: beyond the limits: the nearest feasible torque; beside GIVEN and SCALED of `haptorb.box_qp`
 NOT_FINITE = 3  #: NaN or infinity in the input; the currents are NaN
-NOT_CONVERGED = 4  #: internal to the search: not converged, e.g. with limits many decades apart
-
-_DUAL_NEWTON_STEPS = 60
-_DUAL_NEWTON_TOLERANCE = 1e-11
-_DUAL_NEWTON_TRACE = 1e-12  # curvature added to directions that have none
-_DEPENDENT_ROW_TOLERANCE = 1e-10  # relative norm below which a row of K is linearly dependent on the others
-
-
-@kernel
-def orthonormal_rows(Q: Array, t: Array) -> int:
-    """Orthonormalise the rows of Q (3, m) in place and transform t (3,) likewise: the same equations Q y = t.
-
-    Pivoted Gram–Schmidt, done twice. Returns the rank r; rows from r on are zero, t there is what no current can give.
-    """
-    m = Q.shape[1]
-    whole = 0.0
-    for i in range(3):
-        s = 0.0
-        for j in range(m):
-            s += Q[i, j] * Q[i, j]
-        whole = max(whole, s)
-    rank = 0
-    for c in range(3):
-        best, longest = c, -1.0
-        for i in range(c, 3):
-            s = 0.0
-            for j in range(m):
-                s += Q[i, j] * Q[i, j]
-            if s > longest:
-                best, longest = i, s
-        if best != c:
-            for j in range(m):
-                Q[c, j], Q[best, j] = Q[best, j], Q[c, j]
-            t[c], t[best] = t[best], t[c]
-        if longest <= _DEPENDENT_ROW_TOLERANCE * _DEPENDENT_ROW_TOLERANCE * whole or longest == 0.0:
-            for i in range(c, 3):
-                for j in range(m):
-                    Q[i, j] = 0.0
-            break
-        rank = c + 1
-        for p in range(c):  # re-orthogonalise against rounding errors
-            d = 0.0
-            for j in range(m):
-                d += Q[p, j] * Q[c, j]
-            t[c] -= d * t[p]
-            for j in range(m):
-                Q[c, j] -= d * Q[p, j]
-        s = 0.0
-        for j in range(m):
-            s += Q[c, j] * Q[c, j]
-        length = np.sqrt(s)
-        t[c] /= length
-        for j in range(m):
-            Q[c, j] /= length
-        for i in range(c + 1, 3):
-            d = 0.0
-            for j in range(m):
-                d += Q[c, j] * Q[i, j]
-            t[i] -= d * t[c]
-            for j in range(m):
-                Q[i, j] -= d * Q[c, j]
-    return rank
-
-
-@kernel
-def _slope(s: Array, along: Array, limit: Array, step: float) -> tuple[float, float]:
-    """First and second derivative of Σ φ_j along a line, at `step` from the point where K_jᵀμ = s_j."""
-    first, second = 0.0, 0.0
-    for j in range(s.shape[0]):
-        at = s[j] + step * along[j]
-        if at > limit[j]:
-            first += along[j] * limit[j]
-        elif at < -limit[j]:
-            first -= along[j] * limit[j]
-        else:
-            first += along[j] * at
-            second += along[j] * along[j]
-    return first, second
-
-
-@kernel
-def _next_kink(s: Array, along: Array, limit: Array, step: float) -> float:
-    """Next step beyond `step` at which a channel enters or leaves its limit; infinity if there is none."""
-    nearest = np.inf
-    for j in range(s.shape[0]):
-        if along[j] != 0.0:
-            for side in (-limit[j], limit[j]):
-                kink = (side - s[j]) / along[j]
-                if kink > step:
-                    nearest = min(nearest, kink)
-    return nearest
-
-
-@kernel
-def line_search(s: Array, along: Array, limit: Array, linear: float) -> float:
-    """Step that minimises the dual function along a line: the zero of an increasing, piecewise linear slope.
-
-    The slope is Σ φ_j' + linear. Returns infinity if it never becomes positive.
-    """
-    final = linear
-    for j in range(s.shape[0]):
-        final += abs(along[j]) * limit[j]
-    if final <= 0.0:
-        return np.inf
-    low, high, slope_low, slope_high = 0.0, np.inf, -np.inf, np.inf
-    first, second = _slope(s, along, limit, 0.0)
-    begin = first + linear
-    step = 1.0
-    for turn in range(100):
-        first, second = _slope(s, along, limit, step)
-        slope = first + linear
-        if abs(slope) <= 1e-10 * abs(begin):
-            break
-        if slope < 0.0:
-            low, slope_low = step, slope
-        else:
-            high, slope_high = step, slope
-        trial = step - slope / second if second > 0.0 else np.nan
-        if not (low < trial < high):
-            if high == np.inf:
-                trial = _next_kink(s, along, limit, low)  # flat and falling: nothing changes before the next kink
-                trial *= 1.0 + 1e-15
-                if not np.isfinite(trial):
-                    break
-            elif turn % 2 == 0 and slope_low > -np.inf:
-                trial = low - slope_low * (high - low) / (slope_high - slope_low)
-            else:
-                trial = 0.5 * (low + high)
-        if trial == step or not (low <= trial <= high):
-            break
-        step = trial
-    return step
-
-
-@kernel
-def dual_newton(Q: Array, t: Array, limit: Array, y: Array) -> int:
-    """Minimise ‖y‖² with Q y = t, |y_j| ≤ limit_j. Returns GIVEN, SCALED if infeasible, or NOT_CONVERGED."""
-    m = Q.shape[1]
-    s = np.empty(m)
-    along = np.empty(m)
-    size = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
-    wanted = _DUAL_NEWTON_TOLERANCE * size
-    n0, n1, n2 = t[0], t[1], t[2]  # already optimal if no current meets its limit
-    for _ in range(_DUAL_NEWTON_STEPS):
-        g0, g1, g2 = -t[0], -t[1], -t[2]
-        a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # the Hessian: a b c / b d e / c e f
-        reach = 0.0
-        for j in range(m):
-            q0, q1, q2 = Q[0, j], Q[1, j], Q[2, j]
-            at = q0 * n0 + q1 * n1 + q2 * n2
-            s[j] = at
-            reach += limit[j] * abs(at)
-            if at > limit[j]:
-                at = limit[j]
-            elif at < -limit[j]:
-                at = -limit[j]
-            else:
-                a += q0 * q0
-                b += q0 * q1
-                c += q0 * q2
-                d += q1 * q1
-                e += q1 * q2
-                f += q2 * q2
-            y[j] = at
-            g0 += q0 * at
-            g1 += q1 * at
-            g2 += q2 * at
-        if abs(g0) <= wanted and abs(g1) <= wanted and abs(g2) <= wanted:
-            return GIVEN
-        asked = t[0] * n0 + t[1] * n1 + t[2] * n2
-        if reach < asked:
-            return SCALED  # no feasible torque reaches that far along ν: certificate that T is infeasible
-        # Where channels at their limits leave a direction without curvature, a small regularisation makes the step
-        # follow the gradient there; the line search finds the length.
-        a += _DUAL_NEWTON_TRACE
-        d += _DUAL_NEWTON_TRACE
-        f += _DUAL_NEWTON_TRACE
-        # Cholesky of the 3×3 Hessian, with a lower bound on the pivots
-        l00 = np.sqrt(a)
-        l10 = b / l00
-        l20 = c / l00
-        l11 = np.sqrt(max(d - l10 * l10, 0.5 * _DUAL_NEWTON_TRACE))
-        l21 = (e - l20 * l10) / l11
-        l22 = np.sqrt(max(f - l20 * l20 - l21 * l21, 0.5 * _DUAL_NEWTON_TRACE))
-        z0 = -g0 / l00
-        z1 = (-g1 - l10 * z0) / l11
-        z2 = (-g2 - l20 * z0 - l21 * z1) / l22
-        d2 = z2 / l22
-        d1 = (z1 - l21 * d2) / l11
-        d0 = (z0 - l10 * d1 - l20 * d2) / l00
-        for j in range(m):
-            along[j] = Q[0, j] * d0 + Q[1, j] * d1 + Q[2, j] * d2
-        step = line_search(s, along, limit, -(t[0] * d0 + t[1] * d1 + t[2] * d2))
-        if step == np.inf:
-            return SCALED
-        n0 += step * d0
-        n1 += step * d1
-        n2 += step * d2
-    return NOT_CONVERGED
 
 
 # --------------------------------------------------------------------------------------------------
@@ -251,14 +42,14 @@ _PORTAL_STEPS = 200
 _PRECISION = 1e-9
 
 
-@kernel
+@exact_kernel
 def _cross(a: Array, b: Array, out: Array) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
+@exact_kernel
 def _support(Q: Array, box: Array, n: Array, out: Array) -> None:
     """Support point of the zonotope along n."""
     out[:] = 0.0
@@ -269,12 +60,12 @@ def _support(Q: Array, box: Array, n: Array, out: Array) -> None:
             out[i] += Q[i, j] * y
 
 
-@kernel
+@exact_kernel
 def _dot(a: Array, b: Array) -> float:
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-@kernel
+@exact_kernel
 def _side(a: Array, b: Array, d: Array) -> float:
     """Positive where the ray along d passes to the left of the plane through a and b."""
     return float(
@@ -282,7 +73,7 @@ def _side(a: Array, b: Array, d: Array) -> float:
     )
 
 
-@kernel
+@exact_kernel
 def find_reach(Q: Array, d: Array, box: Array) -> float:
     """Largest s with s d = Q y for some |y_j| ≤ box_j, from below to 1e-9; NaN where the search does not converge.
 
@@ -348,7 +139,7 @@ def find_reach(Q: Array, d: Array, box: Array) -> float:
 _MAX_PAIR_CHANNELS = 24  #: number of channels above which testing all pairs is slower than the search
 
 
-@kernel
+@exact_kernel
 def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
     """Largest s with s t = Q y for some |y_j| ≤ limit_j: the extent of the zonotope of torques along t.
 
@@ -388,7 +179,7 @@ def reach(Q: Array, t: Array, limit: Array, rank: int) -> float:
     return least
 
 
-@kernel
+@exact_kernel
 def _vertex(Q: Array, limit: Array, n: Array, out: Array) -> None:
     """Vertex of the zonotope that lies furthest along n."""
     out[:] = 0.0
@@ -399,7 +190,7 @@ def _vertex(Q: Array, limit: Array, n: Array, out: Array) -> None:
             out[i] += side * Q[i, j]
 
 
-@kernel
+@exact_kernel
 def _affine_weights(corral: Array, count: int, weights: Array) -> bool:
     """Weights (sum 1) of the point of the affine hull of `count` corners nearest to the origin; False if degenerate.
 
@@ -437,7 +228,7 @@ def _affine_weights(corral: Array, count: int, weights: Array) -> bool:
     return True
 
 
-@kernel
+@exact_kernel
 def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
     """Move t (3,) to the nearest point of the zonotope of torques Q y, |y_j| ≤ limit_j: Wolfe 1976, up to 4 corners."""
     target = np.array((t[0], t[1], t[2]))
@@ -509,7 +300,22 @@ def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
 _UNDRIVEN_AXIS_TOLERANCE = 1e-9
 
 
-@kernel
+_TORQUE_TOLERANCE = 1e-11  #: relative to the torque
+
+
+@exact_kernel
+def _least_norm(Q: Array, t: Array, share: float, box: Array, nu: Array, y: Array) -> int:
+    """Minimise ‖y‖ with Q y = share · t, |y_j| ≤ box_j, for orthonormal rows of Q (3, m); returns what `dual_newton`
+    does."""
+    target, square = np.empty(3), 0.0
+    for i in range(3):
+        target[i] = nu[i] = t[i] * share  # already optimal if no current meets its limit
+        square += target[i] * target[i]
+    status: int = dual_newton(Q, target, 0.0, box, _TORQUE_TOLERANCE * np.sqrt(square), nu, y)
+    return status
+
+
+@exact_kernel
 def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
     """Fallback where rounding dominates, with limits many decades apart: the minimum-norm y for t, scaled into the box.
 
@@ -525,7 +331,7 @@ def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
     return share
 
 
-@kernel
+@exact_kernel
 def solve_bounded_power(
     K: Array, T: Array, limit: Array, resistance: Array, nearest: bool, currents: Array
 ) -> tuple[int, float]:
@@ -556,9 +362,9 @@ def solve_bounded_power(
 
     # y = √R i normalises the channels: minimise ‖y‖². Columns with zero current limit are left out. Torque and
     # characteristic are scaled by their largest entries, so that no square underflows.
-    Q = np.empty((3, m))
-    box = np.empty(m)
-    root = np.empty(m)
+    lines, vectors = np.zeros((6, m)), np.empty((3, 3))
+    Q, box, root, y = lines[:3], lines[3], lines[4], lines[5]
+    t, asked, nu = vectors[0], vectors[1], vectors[2]
     unit = greatest / strongest
     for j in range(m):
         root[j] = np.sqrt(resistance[j])
@@ -567,8 +373,8 @@ def solve_bounded_power(
             box[j] = 0.0
         for i in range(3):
             Q[i, j] = K[i, j] / root[j] / strongest if box[j] > 0.0 else 0.0
-    t = np.array((T[0] / greatest, T[1] / greatest, T[2] / greatest))
-    asked = t.copy()
+    for i in range(3):
+        t[i] = asked[i] = T[i] / greatest
     rank = orthonormal_rows(Q, t)
     size = np.sqrt(asked[0] * asked[0] + asked[1] * asked[1] + asked[2] * asked[2])
     outside = 0.0
@@ -577,9 +383,8 @@ def solve_bounded_power(
         t[i] = 0.0
     status = SCALED
     scale = 1.0
-    y = np.zeros(m)
     if outside <= _UNDRIVEN_AXIS_TOLERANCE * size:
-        status = dual_newton(Q, t, box, y)
+        status = _least_norm(Q, t, 1.0, box, nu, y)
         if status == NOT_CONVERGED and reach(Q, t, box, rank) < 1.0:
             status = SCALED
     if status == SCALED and nearest:
@@ -603,8 +408,7 @@ def solve_bounded_power(
         # always suffices; limits many decades apart may need more.
         hair = 1e-9
         while True:
-            inside = np.array((t[0] * (1.0 - hair), t[1] * (1.0 - hair), t[2] * (1.0 - hair)))
-            if dual_newton(Q, inside, box, y) == GIVEN:
+            if _least_norm(Q, t, 1.0 - hair, box, nu, y) == GIVEN:
                 break
             hair *= 30.0
             if hair > 0.1:
@@ -620,79 +424,84 @@ def solve_bounded_power(
 
 
 # --------------------------------------------------------------------------------------------------
-# Box-constrained weighted least squares: the nearest wrench where too few coils cannot give it in full.
+# Nearest wrench where too few coils cannot give it in full, by weighted least squares.
 #
 #     minimise ½ ‖W (A i − w)‖²   such that   |i_j| ≤ L_j,   Σ R_j i_j² ≤ P
 #
-# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns. Coordinate descent, which moves each current in
-# turn to its optimum within its limit, converges to the only minimum (H is regular; a small heat term regularises it
-# elsewhere). Where the power limit is active, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant:
+# With H = AᵀW²A and g = AᵀW²w this is a convex problem of m unknowns; a small heat term regularises it where H is
+# singular. Where the power limit is active, its multiplier λ ≥ 0 is added as λR to H and found by a bracketed secant:
 # the power falls as λ rises.
 
 
 FREE, AT_CURRENT, AT_POWER = 0, 1, 2  #: active limit at the solution
 
-_SWEEPS = 2000
-_SWEEP_TOLERANCE = 1e-11  #: convergence: change of a current in a sweep, relative to the largest current
-#: relative to the largest entry of H: selects the solution where H is singular
-_BOUNDED_COMPROMISE_TRACE = 1e-12
+_COMPROMISE_STEPS = 30
+_COMPROMISE_TOLERANCE = 1e-11  #: of a current, relative to the largest
+_HEAT_WEIGHT = 1e-12  #: relative to the largest entry of H: selects the solution where H is singular
+_HEAT_WEIGHT_FACTOR, _HEAT_WEIGHTS = 100.0, 4  #: raised by this factor, so often, where rounding makes H indefinite
 _POWER_TOLERANCE = 1e-9  #: relative tolerance of the power
 _ROUNDS = 60
 
 
-@kernel
-def _descend(H: Array, g: Array, limit: Array, resistance: Array, heat: float, currents: Array) -> float:
-    """Bring `currents` (m,) to the minimum of ½ iᵀ(H + heat R) i − gᵀi within ±limit; returns the power Σ R i² [W]."""
+@exact_kernel
+def _descend(
+    H: Array, g: Array, limit: Array, resistance: Array, heat: float, tolerance: float, currents: Array, work: Array
+) -> float:
+    """Bring `currents` (m,) to the minimum of ½ iᵀ(H + heat R) i − gᵀi within ±limit; returns the power Σ R i² [W].
+
+    work (2 m + 6, m) is overwritten."""
     m = g.shape[0]
-    for _ in range(_SWEEPS):
-        moved, largest = 0.0, 0.0
+    weighed, low, linear = work[m + 4 : 2 * m + 4], work[2 * m + 4], work[2 * m + 5]
+    for j in range(m):
+        low[j], linear[j] = -limit[j], -g[j]
+    for _ in range(_HEAT_WEIGHTS):
         for j in range(m):
-            slope, curvature = g[j], H[j, j] + heat * resistance[j]
-            if curvature <= 0.0:
-                continue
             for k in range(m):
-                if k != j:
-                    slope -= H[j, k] * currents[k]
-            best = min(max(slope / curvature, -limit[j]), limit[j])
-            moved = max(moved, abs(best - currents[j]))
-            largest = max(largest, abs(best))
-            currents[j] = best
-        if moved <= _SWEEP_TOLERANCE * largest:
+                weighed[j, k] = H[j, k]
+            weighed[j, j] += heat * resistance[j]
+        if solve_box(weighed, linear, low, limit, currents, work[: m + 4], _COMPROMISE_STEPS, tolerance) > -2:
             break
+        heat *= _HEAT_WEIGHT_FACTOR
     power = 0.0
     for j in range(m):
         power += resistance[j] * currents[j] * currents[j]
     return power
 
 
-@kernel
+@exact_kernel
 def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power: float, currents: Array) -> int:
     """Write the minimum into `currents` (m,) [A]; return the active limit: FREE, AT_CURRENT or AT_POWER.
 
     H (m, m), g (m,), limit (m,) [A], resistance (m,) [Ω], power [W], inf for no limit. For use inside compiled code.
     """
     m = g.shape[0]
-    greatest, hottest = 0.0, 0.0
+    greatest, hottest, size = 0.0, 0.0, 0.0
     for j in range(m):
         currents[j] = 0.0
         greatest = max(greatest, H[j, j])
         hottest = max(hottest, resistance[j])
+        if H[j, j] > 0.0:
+            size = max(size, min(abs(g[j]) / H[j, j], limit[j]))
     if greatest == 0.0:
         return FREE
-    trace = _BOUNDED_COMPROMISE_TRACE * greatest / hottest
-    if _descend(H, g, limit, resistance, trace, currents) > power:
+    work, tolerance = np.empty((2 * m + 6, m)), _COMPROMISE_TOLERANCE * size
+    low, high = _HEAT_WEIGHT * greatest / hottest, greatest / hottest
+    needed = _descend(H, g, limit, resistance, low, tolerance, currents, work)
+    if needed > power:
         # 1/√(Σ R i²) is nearly linear in λ: a secant finds it, kept within bounds
-        low, high = trace, greatest / hottest
-        while _descend(H, g, limit, resistance, high, currents) > power:
-            low, high = high, 8.0 * high
         wanted = 1.0 / np.sqrt(power)
-        below = 1.0 / np.sqrt(_descend(H, g, limit, resistance, low, currents)) - wanted
-        above = 1.0 / np.sqrt(_descend(H, g, limit, resistance, high, currents)) - wanted
+        below = 1.0 / np.sqrt(needed) - wanted
+        needed = _descend(H, g, limit, resistance, high, tolerance, currents, work)
+        while needed > power:
+            low, below = high, 1.0 / np.sqrt(needed) - wanted
+            high *= 8.0
+            needed = _descend(H, g, limit, resistance, high, tolerance, currents, work)
+        above = 1.0 / np.sqrt(needed) - wanted
         for _ in range(_ROUNDS):
             middle = low - below * (high - low) / (above - below)
             if not low < middle < high:
                 break
-            at = 1.0 / np.sqrt(_descend(H, g, limit, resistance, middle, currents)) - wanted
+            at = 1.0 / np.sqrt(_descend(H, g, limit, resistance, middle, tolerance, currents, work)) - wanted
             if abs(at) <= _POWER_TOLERANCE * wanted:
                 break
             if at < 0.0:
@@ -713,39 +522,16 @@ def solve_compromise(H: Array, g: Array, limit: Array, resistance: Array, power:
 #
 #     minimise ½ Σ R_j i_j² + (ρ/2) ‖W (A i − w)‖²   such that   |i_j| ≤ L_j
 #
-# With y = √R i, Q = W A/√R and slack ν/ρ this has one multiplier per component of the wrench and y_j = clip(Q_jᵀν): the
-# dual function is convex, piecewise quadratic and strictly convex through ν²/2ρ, for any rank of A. Newton steps with
-# the exact line search of `dual_newton` find its minimum. ρ is so large that a feasible wrench is met to about 1e-6;
-# no current is spent on a direction that takes more than a thousand times the current of the best one, such as the
-# torque about a single magnet's own axis.
+# With y = √R i, Q = W A/√R and slack 1/√ρ this is the first form of `haptorb.box_qp`, for any rank of A. ρ is so large
+# that a feasible wrench is met to about 1e-6; no current is spent on a direction that takes more than a thousand times
+# the current of the best one, such as the torque about a single magnet's own axis.
 
 
 _RELATIVE_STIFFNESS = 1e6  #: ρ times the square of the largest singular value of Q, approximately
-_LEAST_HEAT_STEPS = 60
-_LEAST_HEAT_TOLERANCE = 1e-9
-_NO_LIMIT = 1e100
+_LEAST_HEAT_TOLERANCE = 1e-9  #: relative to the largest component of the wrench
 
 
-@kernel
-def _solve_positive(H: Array, g: Array) -> None:
-    """Solve H x = g in place for a symmetric positive H (6, 6), which is overwritten; g (6,) becomes x: Cholesky."""
-    for i in range(6):
-        for j in range(i + 1):
-            total = H[i, j]
-            for k in range(j):
-                total -= H[i, k] * H[j, k]
-            H[i, j] = np.sqrt(max(total, 1e-300)) if i == j else total / H[j, j]
-    for i in range(6):
-        for k in range(i):
-            g[i] -= H[i, k] * g[k]
-        g[i] /= H[i, i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            g[i] -= H[k, i] * g[k]
-        g[i] /= H[i, i]
-
-
-@kernel
+@exact_kernel
 def solve_least_heat(
     matrix: Array, target: Array, weights: Array, limit: Array, resistance: Array, currents: Array
 ) -> bool:
@@ -755,15 +541,14 @@ def solve_least_heat(
     compiled code: all numbers finite.
     """
     m = limit.shape[0]
-    Q, along, s, box = np.zeros((m + 6, 6)), np.empty(m + 6), np.empty(m + 6), np.empty(m + 6)
-    t, nu, step, H = np.empty(6), np.zeros(6), np.empty(6), np.empty((6, 6))
+    Q, t, nu, box, y = np.empty((6, m)), np.empty(6), np.zeros(6), np.empty(m), np.empty(m)
     most, size = 0.0, 0.0
     for j in range(m):
         root, square = 1.0 / np.sqrt(resistance[j]), 0.0
         box[j] = limit[j] / root
         for i in range(6):
-            Q[j, i] = weights[i] * matrix[i, j] * root if limit[j] > 0.0 else 0.0
-            square += Q[j, i] * Q[j, i]
+            Q[i, j] = weights[i] * matrix[i, j] * root if limit[j] > 0.0 else 0.0
+            square += Q[i, j] * Q[i, j]
         most += square
         currents[j] = 0.0
     for i in range(6):
@@ -772,49 +557,8 @@ def solve_least_heat(
     if most == 0.0 or size == 0.0:
         return True
     slack = np.sqrt(most / _RELATIVE_STIFFNESS)
-    for i in range(6):
-        Q[m + i, i], box[m + i] = slack, _NO_LIMIT
-    converged = False
-    for _ in range(_LEAST_HEAT_STEPS):
-        H[:] = 0.0
-        for i in range(6):
-            step[i] = t[i]
-        for j in range(m + 6):
-            at = 0.0
-            for i in range(6):
-                at += Q[j, i] * nu[i]
-            s[j] = at
-            if at > box[j]:
-                at = box[j]
-            elif at < -box[j]:
-                at = -box[j]
-            else:
-                for i in range(6):
-                    for k in range(i + 1):
-                        H[i, k] += Q[j, i] * Q[j, k]
-            for i in range(6):
-                step[i] -= Q[j, i] * at
-        left = 0.0
-        for i in range(6):
-            left = max(left, abs(step[i]))
-        if left <= _LEAST_HEAT_TOLERANCE * size:
-            converged = True
-            break
-        slope = 0.0
-        _solve_positive(H, step)
-        for i in range(6):
-            slope -= t[i] * step[i]
-        for j in range(m + 6):
-            along[j] = 0.0
-            for i in range(6):
-                along[j] += Q[j, i] * step[i]
-        length = line_search(s, along, box, slope)
-        if not np.isfinite(length):
-            break
-        for i in range(6):
-            nu[i] += length * step[i]
+    converged: bool = dual_newton(Q, t, slack, box, _LEAST_HEAT_TOLERANCE * size, nu, y) == GIVEN
     for j in range(m):
-        y = min(max(s[j], -box[j]), box[j])
         # the division may exceed the limit by one rounding; the limit is strict
-        currents[j] = min(max(y / np.sqrt(resistance[j]), -limit[j]), limit[j])
+        currents[j] = min(max(y[j] / np.sqrt(resistance[j]), -limit[j]), limit[j])
     return converged
