@@ -12,11 +12,12 @@ from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, ch
 from haptorb.analysis.error_sources import (
     ChainTrial,
     CurrentLoop,
-    MagnetStrength,
+    add_to,
     current_sources,
-    describe_share,
     find_origin,
     magnet_warmth,
+    source,
+    strengthen,
 )
 from haptorb.arrays import Array
 from haptorb.control.array_allocation import array_allocator
@@ -24,7 +25,6 @@ from haptorb.control.capability import array_capability
 from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
 from haptorb.devices.electromagnet import FORCE_JND
-from haptorb.display import format_quantity
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration import Calibration
 from haptorb.magnetics.soft_sphere import answer_to_source
@@ -154,70 +154,10 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
 
 
 # --------------------------------------------------------------------------------------------------
-# Error sources of a coil array: one class for each.
+# Error sources of a coil array.
 
 
 ARRAY_SOURCES_ESTIMATORS = ("tracker",)
-
-
-class CoilPlaces(ErrorSource[ArrayTrial]):
-    """Position of each coil."""
-
-    def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("positions of the coils", format_quantity(standard, "m"), origin, 3 * coils)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Move each coil."""
-        trial.shift += self._standard * deviates.reshape(trial.shift.shape)
-
-
-class CoilAxes(ErrorSource[ArrayTrial]):
-    """Direction of each coil's axis."""
-
-    def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("axes of the coils", f"{np.degrees(standard):.3g}°", origin, 3 * coils)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Tilt each coil."""
-        trial.lean += self._standard * deviates.reshape(trial.lean.shape)
-
-
-class CoilStrengths(ErrorSource[ArrayTrial]):
-    """Field per ampere of each coil."""
-
-    def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("field per ampere of the coils", describe_share(standard), origin, coils)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Change each coil."""
-        trial.turns += self._standard * deviates
-
-
-class ToolPlace(ErrorSource[ArrayTrial]):
-    """Position from the tracker."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Move the estimated position."""
-        trial.place += self._standard * deviates
-
-
-class ToolOrientation(ErrorSource[ArrayTrial]):
-    """Orientation from the tracker."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ArrayTrial) -> None:
-        """Rotate the estimated tool."""
-        trial.turn += self._standard * deviates
 
 
 def array_errors(
@@ -244,13 +184,13 @@ def array_errors(
         return find_origin(device, known, key, "tolerance")
 
     sources: tuple[ErrorSource[ArrayTrial], ...] = (
-        MagnetStrength("remanence", known.remanence, origin("remanence")),
+        source("remanence", known.remanence, "1", origin("remanence"), 1, strengthen),
         magnet_warmth("temperature of the magnets", device, known),
-        CoilPlaces(built.position, origin_of_build("position"), m),
-        CoilAxes(built.tilt, origin_of_build("tilt"), m),
-        CoilStrengths(built.strength, origin_of_build("strength"), m),
-        ToolPlace(known.place, origin("place")),
-        ToolOrientation(known.axis, origin("axis")),
+        source("positions of the coils", built.position, "m", origin_of_build("position"), 3 * m, add_to("shift")),
+        source("axes of the coils", built.tilt, "rad", origin_of_build("tilt"), 3 * m, add_to("lean")),
+        source("field per ampere of the coils", built.strength, "1", origin_of_build("strength"), m, add_to("turns")),
+        source("tracked position", known.place, "m", origin("place"), 3, add_to("place")),
+        source("tracked orientation", known.axis, "rad", origin("axis"), 3, add_to("turn")),
         *current_sources(device, known, known.current_offset),
     )
     most = min(layer.weakest for layer in array_capability(device))

@@ -13,14 +13,16 @@ from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, ch
 from haptorb.analysis.error_sources import (
     ChainTrial,
     CurrentLoop,
-    MagnetStrength,
-    SensorPlacement,
     SensorTrial,
+    add_to,
     current_sources,
     describe_share,
     find_origin,
     magnet_warmth,
+    multiply,
     sensor_sources,
+    source,
+    strengthen,
 )
 from haptorb.arrays import Array
 from haptorb.control.allocation import force_allocator
@@ -256,109 +258,29 @@ class BuiltCoils:
         return found
 
 
-class WindingSizes(ErrorSource["ToolTrial"]):
-    """Radii and length of each winding."""
+def _permeability(bounds: tuple[float, float], file: float, origin: str) -> ErrorSource[ToolTrial]:
+    """Permeability of the core, evenly by its logarithm: it changes its response to the tool; the moments are measured
+    with it."""
+    low, high = np.log(bounds)
 
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("sizes of the windings", format_quantity(standard, "m"), origin, 9)
-        self._standard = standard
+    def perturb(deviates: Array, trial: ToolTrial) -> None:
+        trial.built.softness += float(np.exp(-(low + (high - low) * ndtr(deviates[0])))) - 1.0 / file
 
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the sizes."""
-        trial.built.sizes += self._standard * spread_evenly(deviates).reshape(3, 3)
-
-
-class WindingPositions(ErrorSource["ToolTrial"]):
-    """Position of each winding."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("positions of the windings", format_quantity(standard, "m"), origin, 9)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Move the windings."""
-        trial.built.offsets += self._standard * spread_evenly(deviates).reshape(3, 3)
+    return ErrorSource("permeability of the core", f"{bounds[0]:g} to {bounds[1]:g}", origin, 1, perturb)
 
 
-class CoilCentres(ErrorSource["ToolTrial"]):
-    """Centre of each coil with the core's response, with the uncertainty of a calibration."""
+def _earth_field(size: float, origin: str) -> ErrorSource[ToolTrial]:
+    """Uniform field at the device's location, in a random direction."""
 
-    def __init__(self, standard: Array, origin: str) -> None:
-        text = format_quantity(float(np.sqrt((standard**2).mean())), "m")
-        super().__init__("centres of the coils", text, origin, standard.size)
-        self._standard = standard  # (m, 3) [m]
+    def perturb(deviates: Array, trial: ToolTrial) -> None:
+        trial.built.earth += size * deviates / np.linalg.norm(deviates)
 
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Move the coils."""
-        trial.built.whole += self._standard * deviates.reshape(self._standard.shape)
+    return ErrorSource("earth's field", format_quantity(size, "T"), origin, 3, perturb)
 
 
-class CorePosition(ErrorSource["ToolTrial"]):
-    """Position of the core relative to the windings."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("position of the core in the windings", format_quantity(standard, "m"), origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Move the core."""
-        trial.built.core += self._standard * spread_evenly(deviates)
-
-
-class CorePermeability(ErrorSource["ToolTrial"]):
-    """Permeability of the core: changes its response to the tool; the moments are measured with it."""
-
-    def __init__(self, bounds: tuple[float, float], file: float, origin: str) -> None:
-        super().__init__("permeability of the core", f"{bounds[0]:g} to {bounds[1]:g}", origin, 1)
-        self._bounds, self._file = np.log(bounds), file
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the permeability."""
-        low, high = self._bounds
-        trial.built.softness += float(np.exp(-(low + (high - low) * ndtr(deviates[0])))) - 1.0 / self._file
-
-
-class EarthField(ErrorSource["ToolTrial"]):
-    """Uniform field at the device's location."""
-
-    def __init__(self, size: float, origin: str) -> None:
-        super().__init__("earth's field", format_quantity(size, "T"), origin, 3)
-        self._size = size
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Draw a random direction."""
-        trial.built.earth += self._size * deviates / np.linalg.norm(deviates)
-
-
-class WindingTilts(ErrorSource["ToolTrial"]):
-    """Axes of windings with computed moments."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("axes of the windings", f"{np.degrees(standard):.3g}°", origin, 9)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Rotate the moments."""
-        lean = self._standard * spread_evenly(deviates).reshape(3, 3)
-        trial.moments += np.cross(lean, trial.moments.T).T
-
-
-class WindingTurns(ErrorSource["ToolTrial"]):
-    """Numbers of turns of windings with computed moments."""
-
-    def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("turns of the windings", describe_share(standard), origin, coils)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the moments."""
-        trial.moments *= 1.0 + self._standard * spread_evenly(deviates)
-
-
-def spread_evenly(deviates: Array) -> Array:
-    """Uniform deviates from −√3 to √3, of standard deviation 1, from normal `deviates` of any shape."""
-    found: Array = np.sqrt(3.0) * (2.0 * ndtr(deviates) - 1.0)
-    return found
+def _tilt_windings(trial: ToolTrial, lean: Array) -> None:
+    """Rotate the computed moments by `lean` (9,) [rad]."""
+    trial.moments += np.cross(lean.reshape(3, 3), trial.moments.T).T
 
 
 def built_sources(
@@ -373,20 +295,30 @@ def built_sources(
 
     placed = None if calibration is None else calibration.centre_uncertainty
     found: list[ErrorSource[ToolTrial]] = [
-        CorePermeability(known.core_permeability, device.core_permeability, origin("core_permeability")),
-        EarthField(known.earth_field, origin("earth_field")),
+        _permeability(known.core_permeability, device.core_permeability, origin("core_permeability")),
+        _earth_field(known.earth_field, origin("earth_field")),
     ]
     if placed is not None:
-        found.append(CoilCentres(placed, "calibration"))
+        text = format_quantity(float(np.sqrt((placed**2).mean())), "m")
+        found.append(source("centres of the coils", placed, text, "calibration", placed.size, add_to("built.whole")))
     else:
-        found.append(CorePosition(known.core_position, origin("core_position")))
+        where = "position of the core in the windings"
+        from_file = origin("core_position")
+        found.append(source(where, known.core_position, "m", from_file, 3, add_to("built.core"), evenly=True))
     if device.has_sizes:
         if placed is None:
-            found.append(WindingPositions(known.position, origin("position")))
-        found.append(WindingSizes(known.winding, origin("winding")))
+            offsets = add_to("built.offsets")
+            found.append(
+                source("positions of the windings", known.position, "m", origin("position"), 9, offsets, evenly=True)
+            )
+        sizes = add_to("built.sizes")
+        found.append(source("sizes of the windings", known.winding, "m", origin("winding"), 9, sizes, evenly=True))
         if device.moments_from == "windings" and calibration is None:
-            found.append(WindingTilts(known.tilt, origin("tilt")))
-            found.append(WindingTurns(known.turns, origin("turns"), device.channels))
+            turns, m = multiply("moments"), device.channels
+            found += [
+                source("axes of the windings", known.tilt, "rad", origin("tilt"), 9, _tilt_windings, evenly=True),
+                source("turns of the windings", known.turns, "1", origin("turns"), m, turns, evenly=True),
+            ]
     return found
 
 
@@ -613,93 +545,29 @@ _MIN_INVERSE_PERMEABILITY = 1 / 200
 _RADIUS_RANGE_SIGMAS = 3.0
 
 
-class Moments(ErrorSource[ToolTrial]):
-    """Moments per ampere, every component of every coil."""
-
-    def __init__(self, standard: Array, share: str, origin: str) -> None:
-        super().__init__("moments per ampere", share, origin, standard.size)
-        self._standard = standard  # (3, m) [m²]
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the moments."""
-        trial.moments += self._standard * deviates.reshape(self._standard.shape)
-
-
-class TrackedPlace(ErrorSource[ToolTrial]):
-    """Position from the tracker."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked position", format_quantity(standard, "m"), origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Move the estimated position."""
-        trial.place += self._standard * deviates
-
-
-class TrackedAxis(ErrorSource[ToolTrial]):
-    """Direction from the tracker."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked axis", f"{np.degrees(standard):.3g}°", origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Rotate the estimated axis."""
-        trial.turn += self._standard * deviates
-
-
-class CorePlace(ErrorSource[ToolTrial]):
-    """Position of core and coils."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("position of core and coils", format_quantity(standard, "m"), origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Move core and coils."""
-        trial.shift += self._standard * deviates
-
-
-class CoreRadius(ErrorSource[ToolTrial]):
-    """Radius of the core: changes its attraction; the moments are measured with it."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("radius of the core", format_quantity(standard, "m"), origin, 1)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Change the radius."""
-        trial.core_radius += self._standard * float(deviates[0])
-
-
-class CoreRemanence(ErrorSource[ToolTrial]):
+def _remanence(core: CoreDynamics, origin: str) -> ErrorSource[ToolTrial]:
     """Remanent moment of the core: uniform along each axis between its maximum values."""
 
-    def __init__(self, core: CoreDynamics, origin: str) -> None:
-        super().__init__("remanence of the core", f"{1e3 * core.remanent_moment / np.sqrt(3):.2g} mA·m²", origin, 4)
-        self._core = core
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Add to the moment."""
-        most = self._core.remanent_moment * np.exp(np.log1p(self._core.spread) * deviates[3])
+    def perturb(deviates: Array, trial: ToolTrial) -> None:
+        most = core.remanent_moment * np.exp(np.log1p(core.spread) * deviates[3])
         trial.remanent += most * (2 * ndtr(deviates[:3]) - 1)
 
+    text = f"{1e3 * core.remanent_moment / np.sqrt(3):.2g} mA·m²"
+    return ErrorSource("remanence of the core", text, origin, 4, perturb)
 
-class EddyLag(ErrorSource[ToolTrial]):
+
+def _eddy_lag(core: CoreDynamics, frequency: float, origin: str) -> ErrorSource[ToolTrial]:
     """Eddy currents in the core, while the force rotates at `frequency` [Hz] in any direction normal to it."""
+    turn = 2 * np.pi * frequency
 
-    def __init__(self, core: CoreDynamics, frequency: float, origin: str) -> None:
-        text = f"{100 * core.lag(frequency):.2g} % at {frequency:g} Hz"
-        super().__init__("eddy currents in the core", text, origin, 5)
-        self._core, self._turn = core, 2 * np.pi * frequency
-
-    def perturb(self, deviates: Array, trial: ToolTrial) -> None:
-        """Set the lag of the core."""
-        share, time = np.exp(np.log1p(self._core.spread) * deviates[:2])
-        x = 1j * self._turn * time * self._core.eddy_time
-        trial.lag = complex(share * self._core.eddy_share * x / (1 + x))
+    def perturb(deviates: Array, trial: ToolTrial) -> None:
+        share, time = np.exp(np.log1p(core.spread) * deviates[:2])
+        x = 1j * turn * time * core.eddy_time
+        trial.lag = complex(share * core.eddy_share * x / (1 + x))
         trial.turning = deviates[2:]
+
+    text = f"{100 * core.lag(frequency):.2g} % at {frequency:g} Hz"
+    return ErrorSource("eddy currents in the core", text, origin, 5, perturb)
 
 
 def tool_errors(
@@ -729,13 +597,14 @@ def tool_errors(
 
     weighed = None if calibration is None else calibration.strength_uncertainty
     sources: list[ErrorSource[ToolTrial]] = [
-        MagnetStrength("remanence", known.remanence, origin("remanence"))
+        source("remanence", known.remanence, "1", origin("remanence"), 1, strengthen)
         if weighed is None
-        else MagnetStrength("strength of the magnet", weighed, "calibration"),
+        else source("strength of the magnet", weighed, "1", "calibration", 1, strengthen),
         magnet_warmth("temperature of the magnet", device, known),
         *_tool_sources_pose_sources(believed, chosen, calibration),
-        CorePlace(known.core_place, origin("core_place")),
-        CoreRadius(known.core_radius, origin("core_radius")),
+        source("position of core and coils", known.core_place, "m", origin("core_place"), 3, add_to("shift")),
+        # it changes the attraction of the core; the moments are measured with it
+        source("radius of the core", known.core_radius, "m", origin("core_radius"), 1, add_to("core_radius")),
         *current_sources(device, known, known.current_offset),
     ]
     computed = believed.moments_from == "windings" and believed.has_sizes and believed.tolerance is not None
@@ -744,9 +613,9 @@ def tool_errors(
     if believed.tolerance is not None:
         sources += built_sources(believed, believed.tolerance, calibration)
     if core.remanent_moment:
-        sources.append(CoreRemanence(core, origin("remanent_moment", "core_dynamics")))
+        sources.append(_remanence(core, origin("remanent_moment", "core_dynamics")))
     if core.eddy_share and frequency:
-        sources.append(EddyLag(core, frequency, origin("eddy_share", "core_dynamics")))
+        sources.append(_eddy_lag(core, frequency, origin("eddy_share", "core_dynamics")))
     layers = shell_capability(believed, points=24).layers
     force = choose_size(believed.name, asked, min(min(one.peak_radial, one.peak_tangential) for one in layers), "N")
     made = ToolErrors(
@@ -767,28 +636,31 @@ def _tool_sources_pose_sources(
     known, found = device.uncertainty, None if calibration is None else calibration.sensors
     pose: tuple[ErrorSource[ToolTrial], ...] = ()
     if estimator == "tracker":
-        pose = (
-            TrackedPlace(known.place, find_origin(device, known, "place")),
-            TrackedAxis(known.axis, find_origin(device, known, "axis")),
-        )
+        pose = _pose_sources(known.place, known.axis, *(find_origin(device, known, key) for key in ("place", "axis")))
     elif found is not None:  # the stated values are norms of errors over all axes
-        pose = (
-            TrackedPlace(found.place / np.sqrt(3), "calibration"),
-            TrackedAxis(found.axis / np.sqrt(2), "calibration"),
-        )
+        pose = _pose_sources(found.place / np.sqrt(3), found.axis / np.sqrt(2), "calibration", "calibration")
     if estimator == "tracker" and calibration is None:
         return pose
-    placement = SensorPlacement[ToolTrial](
-        device.hall.errors.placement, find_origin(device, known, "placement", "hall"), device.sensors
-    )
+    standard, origin = device.hall.errors.placement, find_origin(device, known, "placement", "hall")
+    placement = source("field sensors, position", standard, "m", origin, 3 * device.sensors, add_to("placement"))
     return (*pose, *sensor_sources(device, device.hall, "hall", _TOOL_SOURCES_AVERAGED), placement)
 
 
-def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> Moments:
+def _pose_sources(place: float, axis: float, place_origin: str, axis_origin: str) -> tuple[ErrorSource[ToolTrial], ...]:
+    """Position [m] and axis [rad] from the tracker."""
+    return (
+        source("tracked position", place, "m", place_origin, 3, add_to("place")),
+        source("tracked axis", axis, "rad", axis_origin, 3, add_to("turn")),
+    )
+
+
+def _moments(device: SphericalElectromagnet, calibration: Calibration | None) -> ErrorSource[ToolTrial]:
+    """Moments per ampere, every component of every coil."""
     sizes = np.linalg.norm(device.moment_per_current, axis=0)
     if calibration is not None:
-        share = float((calibration.uncertainty / sizes).max())
-        return Moments(calibration.uncertainty, describe_share(share), "calibration")
-    share = device.uncertainty.moments
-    spread = np.broadcast_to(share * sizes, (3, device.channels))
-    return Moments(spread, describe_share(share), find_origin(device, device.uncertainty, "moments"))
+        spread, origin = calibration.uncertainty, "calibration"
+        share = float((spread / sizes).max())
+    else:
+        share, origin = device.uncertainty.moments, find_origin(device, device.uncertainty, "moments")
+        spread = np.broadcast_to(share * sizes, (3, device.channels))
+    return source("moments per ampere", spread, describe_share(share), origin, spread.size, add_to("moments"))

@@ -1,7 +1,7 @@
 """Error budget of a device: sources of error, error model, Monte Carlo propagation and sensitivity indices.
 
 A trial is one device as it could be, at one place. Every source draws from the standard normal distribution and changes
-the trial by its standard uncertainty times what was drawn. So a new source is one small class.
+the trial by its standard uncertainty times what was drawn. So a new source is one row of a table.
 """
 
 from __future__ import annotations
@@ -36,10 +36,9 @@ T = TypeVar("T")  #: the trial that a source perturbs: one possible device
 P = TypeVar("P")  #: pose of the mover and commanded wrench
 
 
-class ErrorSource(ABC, Generic[T]):
-    """Cause of a difference between delivered and commanded wrench; base class of every source of error.
-
-    A subclass implements `perturb`, which changes a trial by its standard uncertainty times standard normal deviates.
+@dataclass(frozen=True)
+class ErrorSource(Generic[T]):
+    """Cause of a difference between delivered and commanded wrench.
 
     Parameters
     ----------
@@ -51,22 +50,16 @@ class ErrorSource(ABC, Generic[T]):
         Where the uncertainty comes from: "device file", "assumed", "default" or "calibration".
     dimension : int
         Number of independent standard normal deviates.
+    perturb : callable
+        Changes a trial, a device as it could be, by the standard uncertainty times standard normal deviates:
+        `perturb(deviates, trial)` with the deviates (dimension,) [1] and the trial, which is changed in place.
     """
 
-    def __init__(self, name: str, standard: str, origin: str, dimension: int) -> None:
-        self.name, self.standard, self.origin, self.dimension = name, standard, origin, dimension
-
-    @abstractmethod
-    def perturb(self, deviates: Array, trial: T) -> None:
-        """Change a trial by the standard uncertainty times standard normal deviates.
-
-        Parameters
-        ----------
-        deviates : ndarray, shape (dimension,)
-            Standard normal deviates [1].
-        trial : object
-            Device as it could be, changed in place.
-        """
+    name: str
+    standard: str
+    origin: str
+    dimension: int
+    perturb: Callable[[Array, T], None]
 
 
 @dataclass(frozen=True)

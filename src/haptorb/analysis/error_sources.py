@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
+from scipy.special import ndtr
 
 from haptorb.analysis.error_budget import ErrorSource
 from haptorb.arrays import Array
@@ -18,16 +20,86 @@ from haptorb.display import format_quantity
 __all__ = [
     "ChainTrial",
     "CurrentLoop",
-    "MagnetStrength",
+    "Effect",
     "MagnetTrial",
-    "SensorPlacement",
     "SensorTrial",
+    "add_to",
     "current_sources",
     "describe_share",
     "find_origin",
     "magnet_warmth",
+    "multiply",
     "sensor_sources",
+    "source",
+    "spread_evenly",
+    "strengthen",
 ]
+
+
+# --------------------------------------------------------------------------------------------------
+# A row of a table of sources: its effect on a trial, for an amount of the standard uncertainty times deviates.
+
+
+Effect = Callable[[Any, Array], None]  #: changes a trial by an amount, of the shape of the standard uncertainty
+
+
+def source(
+    name: str, standard: float | Array, unit: str, origin: str, dimension: int, effect: Effect, *, evenly: bool = False
+) -> ErrorSource[Any]:
+    """Source of error with an `effect` on a trial; evenly: within √3 of the `standard` uncertainty, equally probable.
+
+    unit: SI unit of `standard`, "1" for a relative one, "rad" for an angle in degrees, or the text to print. An array
+    is one standard uncertainty for each deviate.
+    """
+    shape = np.shape(standard) or (dimension,)
+
+    def perturb(deviates: Array, trial: Any) -> None:
+        drawn = spread_evenly(deviates) if evenly else deviates
+        effect(trial, standard * drawn.reshape(shape))
+
+    largest = float(np.max(standard))
+    match unit:
+        case "1":
+            text = describe_share(largest)
+        case "rad":
+            text = f"{np.degrees(largest):.3g}°"
+        case "A" | "T" | "m":
+            text = format_quantity(largest, unit)
+        case _:
+            text = unit
+    return ErrorSource(name, text, origin, dimension, perturb)
+
+
+def add_to(field: str) -> Effect:
+    """Effect that adds the amount to a `field` of the trial, a number or an array; "built.core": that of its part."""
+    *parts, name = field.split(".")
+
+    def add(trial: Any, amount: Array) -> None:
+        for part in parts:
+            trial = getattr(trial, part)
+        before = getattr(trial, name)
+        if isinstance(before, float):
+            setattr(trial, name, before + float(amount[0]))
+        else:
+            before += amount.reshape(before.shape)
+
+    return add
+
+
+def multiply(field: str) -> Effect:
+    """Effect that multiplies a `field` of the trial by 1 plus the amount."""
+
+    def change(trial: Any, amount: Array) -> None:
+        before = getattr(trial, field)
+        before *= 1.0 + amount
+
+    return change
+
+
+def spread_evenly(deviates: Array) -> Array:
+    """Uniform deviates from −√3 to √3, of standard deviation 1, from normal `deviates` of any shape."""
+    found: Array = np.sqrt(3.0) * (2.0 * ndtr(deviates) - 1.0)
+    return found
 
 
 # --------------------------------------------------------------------------------------------------
@@ -78,82 +150,22 @@ class CurrentLoop:
         return flowing
 
 
-C = TypeVar("C", bound=ChainTrial)
-
-
-class CurrentGain(ErrorSource[C]):
-    """Gains of the current sensors, independent."""
-
-    def __init__(self, standard: float, origin: str, channels: int) -> None:
-        super().__init__("current sensors, gain", describe_share(standard), origin, channels)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: C) -> None:
-        """Add to the gains."""
-        trial.gain += self._standard * deviates
-
-
-class CurrentOffset(ErrorSource[C]):
-    """Offsets of the current sensors, independent."""
-
-    def __init__(self, standard: float, origin: str, channels: int) -> None:
-        super().__init__("current sensors, offset", format_quantity(standard, "A"), origin, channels)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: C) -> None:
-        """Add to the offsets."""
-        trial.offset += self._standard * deviates
-
-
-class Resistance(ErrorSource[C]):
-    """Resistances of the windings, independent."""
-
-    def __init__(self, standard: float, origin: str, channels: int) -> None:
-        super().__init__("resistance", describe_share(standard), origin, channels)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: C) -> None:
-        """Add to the resistances."""
-        trial.resistance += self._standard * deviates
-
-
-class SupplyVoltage(ErrorSource[C]):
-    """Supply voltage, common to all coils."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("supply voltage", describe_share(standard), origin, 1)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: C) -> None:
-        """Add to the voltage."""
-        trial.supply += self._standard * float(deviates[0])
-
-
-class CurrentSteps(ErrorSource[C]):
-    """Quantisation of the duty cycle, and noise of the current readings that the estimated resistance passes."""
-
-    def __init__(self, device: Device) -> None:
-        supply = device.supply
-        step = supply.voltage / device.coils.resistance / 2**supply.duty_bits
-        read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_AVERAGING_TICKS)
-        self._standard: Array = np.hypot(step / np.sqrt(12), read)
-        text = format_quantity(float(self._standard.max()), "A")
-        super().__init__("quantisation and noise of the currents", text, "computed", device.channels)
-
-    def perturb(self, deviates: Array, trial: C) -> None:
-        """Add to the currents."""
-        trial.noise += self._standard * deviates
-
-
-def current_sources(device: Device, known: ChainUncertainty, offset: float) -> tuple[ErrorSource[C], ...]:
+def current_sources(device: Device, known: ChainUncertainty, offset: float) -> tuple[ErrorSource[Any], ...]:
     """Current sources of every device; `offset` [A] of the current sensors."""
-    m = device.channels
+    m, supply = device.channels, device.supply
+    step = supply.voltage / device.coils.resistance / 2**supply.duty_bits
+    read = np.hypot(supply.current_noise, supply.current_step / np.sqrt(12)) / np.sqrt(_AVERAGING_TICKS)
+    noise: Array = np.hypot(step / np.sqrt(12), read)  # of the duty cycle, and what the estimated resistance passes
+
+    def origin(key: str) -> str:
+        return find_origin(device, known, key)
+
     return (
-        CurrentGain(known.current_gain, find_origin(device, known, "current_gain"), m),
-        CurrentOffset(offset, find_origin(device, known, "current_offset"), m),
-        Resistance(known.resistance, find_origin(device, known, "resistance"), m),
-        SupplyVoltage(known.supply, find_origin(device, known, "supply")),
-        CurrentSteps(device),
+        source("current sensors, gain", known.current_gain, "1", origin("current_gain"), m, add_to("gain")),
+        source("current sensors, offset", offset, "A", origin("current_offset"), m, add_to("offset")),
+        source("resistance", known.resistance, "1", origin("resistance"), m, add_to("resistance")),
+        source("supply voltage", known.supply, "1", origin("supply"), 1, add_to("supply")),
+        source("quantisation and noise of the currents", noise, "A", "computed", m, add_to("noise")),
     )
 
 
@@ -184,26 +196,16 @@ class MagnetTrial(Protocol):
         """Multiply the strength of all magnets by `factors` (1,), or that of each by its own (p,)."""
 
 
-M = TypeVar("M", bound=MagnetTrial)
+def strengthen(trial: MagnetTrial, relative: Array) -> None:
+    """Change the strength common to all magnets by `relative` (1,), or that of each by its own (p,)."""
+    trial.strengthen(1 + relative)
 
 
-class MagnetStrength(ErrorSource[M]):
-    """Strength common to all magnets, or with several deviates that of each; `relative` standard uncertainty."""
-
-    def __init__(self, name: str, relative: float, origin: str, magnets: int = 1, text: str = "") -> None:
-        super().__init__(name, text or describe_share(relative), origin, magnets)
-        self._relative = relative
-
-    def perturb(self, deviates: Array, trial: M) -> None:
-        """Change the strength of `trial` by the `deviates` (1,) [1]."""
-        trial.strengthen(1 + self._relative * deviates)
-
-
-def magnet_warmth(name: str, device: Device, known: ChainUncertainty) -> MagnetStrength[M]:
+def magnet_warmth(name: str, device: Device, known: ChainUncertainty) -> ErrorSource[Any]:
     """Temperature common to all magnets of the mover, in a hand and over warm coils."""
     kelvin = known.magnet_temperature
-    origin = find_origin(device, known, "magnet_temperature")
-    return MagnetStrength(name, kelvin * known.remanence_drift, origin, text=f"{kelvin:.3g} K")
+    origin, relative = find_origin(device, known, "magnet_temperature"), kelvin * known.remanence_drift
+    return source(name, relative, f"{kelvin:.3g} K", origin, 1, strengthen)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -226,76 +228,40 @@ class SensorTrial(ChainTrial):
         return read
 
 
-S = TypeVar("S", bound=SensorTrial)
+def mix_axes(*, across: bool) -> Effect:
+    """Effect on the gain of each field sensor's axes, or on its cross-axis sensitivity."""
+    rows, columns = np.nonzero(np.eye(3) != across)
+
+    def change(trial: SensorTrial, amount: Array) -> None:
+        trial.mixing[:, rows, columns] += amount.reshape(len(trial.mixing), -1)
+
+    return change
 
 
-class SensorMixing(ErrorSource[S]):
-    """Gain of each field sensor's axes, or its cross-axis sensitivity."""
-
-    def __init__(self, name: str, standard: float, origin: str, sensors: int, *, across: bool) -> None:
-        super().__init__(name, describe_share(standard), origin, sensors * (6 if across else 3))
-        self._standard, self._where = standard, np.nonzero(np.eye(3) != across)
-
-    def perturb(self, deviates: Array, trial: S) -> None:
-        """Add to gain and cross-axis sensitivity."""
-        rows, columns = self._where
-        trial.mixing[:, rows, columns] += self._standard * deviates.reshape(len(trial.mixing), -1)
+def turn_sensors(trial: SensorTrial, angles: Array) -> None:
+    """Rotate each field sensor about its axes by small `angles` (3 k,) [rad]."""
+    x, y, z = angles.reshape(-1, 3).T
+    for row, column, angle in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
+        trial.mixing[:, row, column] += angle
+        trial.mixing[:, column, row] -= angle
 
 
-class SensorReading(ErrorSource[S]):
-    """Reading of each axis of the field sensors at zero field: its offset, or its noise."""
-
-    def __init__(self, name: str, standard: float, origin: str, sensors: int) -> None:
-        super().__init__(name, format_quantity(standard, "T"), origin, 3 * sensors)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: S) -> None:
-        """Add to the readings."""
-        trial.reading += self._standard * deviates.reshape(-1, 3)
-
-
-class SensorAngle(ErrorSource[S]):
-    """Rotation of each field sensor about its axes."""
-
-    def __init__(self, standard: float, origin: str, sensors: int) -> None:
-        super().__init__("field sensors, angle", f"{np.degrees(standard):.2g}°", origin, 3 * sensors)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: S) -> None:
-        """Rotate the sensors, by small angles."""
-        x, y, z = self._standard * deviates.reshape(-1, 3).T
-        for row, column, angle in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
-            trial.mixing[:, row, column] += angle
-            trial.mixing[:, column, row] -= angle
-
-
-class SensorPlacement(ErrorSource[S]):
-    """Position of each field sensor."""
-
-    def __init__(self, standard: float, origin: str, sensors: int) -> None:
-        super().__init__("field sensors, position", format_quantity(standard, "m"), origin, 3 * sensors)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: S) -> None:
-        """Move the sensors of `trial`, by `deviates` (3 k,) [1] times the standard uncertainty."""
-        trial.placement += self._standard * deviates.reshape(-1, 3)
-
-
-def sensor_sources(device: Device, hall: FieldSensors, section: str, averaged: float) -> tuple[ErrorSource[S], ...]:
+def sensor_sources(device: Device, hall: FieldSensors, section: str, averaged: float) -> tuple[ErrorSource[Any], ...]:
     """Sources of the field sensors `hall` of `device` except their positions; the device file has them in `section`.
 
     The estimator averages their noise over so many readings. All are at the temperature of their calibration.
     """
-    errors, count = hall.errors, len(hall.positions)
+    errors, k = hall.errors, len(hall.positions)
 
     def origin(key: str) -> str:
         return "assumed" if f"{section}.{key}" in device.assumed else "device file"
 
     noise = float(np.hypot(hall.noise, hall.step / np.sqrt(12)) / np.sqrt(averaged))
+    angle = f"{np.degrees(errors.angle):.2g}°"
     return (
-        SensorMixing("field sensors, gain", errors.gain, origin("gain"), count, across=False),
-        SensorMixing("field sensors, cross-axis", errors.cross, origin("cross"), count, across=True),
-        SensorReading("field sensors, offset", errors.offset, origin("offset"), count),
-        SensorReading("field sensors, noise", noise, origin("noise"), count),
-        SensorAngle(errors.angle, origin("angle"), count),
+        source("field sensors, gain", errors.gain, "1", origin("gain"), 3 * k, mix_axes(across=False)),
+        source("field sensors, cross-axis", errors.cross, "1", origin("cross"), 6 * k, mix_axes(across=True)),
+        source("field sensors, offset", errors.offset, "T", origin("offset"), 3 * k, add_to("reading")),
+        source("field sensors, noise", noise, "T", origin("noise"), 3 * k, add_to("reading")),
+        source("field sensors, angle", errors.angle, angle, origin("angle"), 3 * k, turn_sensors),
     )

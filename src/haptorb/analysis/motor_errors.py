@@ -12,13 +12,15 @@ from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, ch
 from haptorb.analysis.error_sources import (
     ChainTrial,
     CurrentLoop,
-    MagnetStrength,
     SensorTrial,
+    add_to,
     current_sources,
-    describe_share,
     find_origin,
     magnet_warmth,
+    multiply,
     sensor_sources,
+    source,
+    strengthen,
 )
 from haptorb.arrays import Array
 from haptorb.control.allocation import torque_allocator
@@ -192,60 +194,12 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
 
 
 # --------------------------------------------------------------------------------------------------
-# Error sources of a spherical motor: one class for each.
+# Error sources of a spherical motor.
 
 
 MOTOR_SOURCES_ESTIMATORS = ("least-squares", "tracker")
 #: number of readings that the orientation's filter averages, at 1 kHz: 1/0.42, for its time constant of 2.5 ms
 _MOTOR_SOURCES_AVERAGED = 2.4
-
-
-class CoilStrength(ErrorSource[MotorTrial]):
-    """Torque per ampere of each coil."""
-
-    def __init__(self, standard: float, origin: str, coils: int) -> None:
-        super().__init__("torque per ampere of each coil", describe_share(standard), origin, coils)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change each coil."""
-        trial.coils *= 1 + self._standard * deviates
-
-
-class RegulatorTorque(ErrorSource[MotorTrial]):
-    """Torque of the gravity regulator."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("torque of the regulator", describe_share(standard), origin, 1)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change the regulator's torque."""
-        trial.regulator += self._standard * float(deviates[0])
-
-
-class RotorWeight(ErrorSource[MotorTrial]):
-    """Weight of the rotor, and its lever arm."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("weight of the rotor", describe_share(standard), origin, 1)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Change the weight."""
-        trial.weight += self._standard * float(deviates[0])
-
-
-class TrackedOrientation(ErrorSource[MotorTrial]):
-    """Orientation from a tracker."""
-
-    def __init__(self, standard: float, origin: str) -> None:
-        super().__init__("tracked orientation", f"{np.degrees(standard):.3g}°", origin, 3)
-        self._standard = standard
-
-    def perturb(self, deviates: Array, trial: MotorTrial) -> None:
-        """Rotate the estimated rotor."""
-        trial.turn += self._standard * deviates
 
 
 def motor_errors(
@@ -269,18 +223,16 @@ def motor_errors(
     def origin(key: str) -> str:
         return find_origin(device, known, key)
 
+    magnets, coils, spread = len(device.magnets), len(device.electromagnets), "polarization_spread"
     sources: tuple[ErrorSource[MotorTrial], ...] = (
-        MagnetStrength("polarization of all magnets", known.polarization, origin("polarization")),
+        source("polarization of all magnets", known.polarization, "1", origin("polarization"), 1, strengthen),
         magnet_warmth("temperature of the magnets", device, known),
-        MagnetStrength(
-            "polarization from magnet to magnet",
-            known.polarization_spread,
-            origin("polarization_spread"),
-            len(device.magnets),
+        source(
+            "polarization from magnet to magnet", known.polarization_spread, "1", origin(spread), magnets, strengthen
         ),
-        CoilStrength(known.coil, origin("coil"), len(device.electromagnets)),
-        RegulatorTorque(known.regulator, origin("regulator")),
-        RotorWeight(known.weight, origin("weight")),
+        source("torque per ampere of each coil", known.coil, "1", origin("coil"), coils, multiply("coils")),
+        source("torque of the regulator", known.regulator, "1", origin("regulator"), 1, add_to("regulator")),
+        source("weight of the rotor", known.weight, "1", origin("weight"), 1, add_to("weight")),
         *_motor_sources_pose_sources(device, chosen),
         *current_sources(device, known, known.current_offset),
     )
@@ -298,5 +250,7 @@ def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple
     """Error sources of the orientation, by estimator."""
     if estimator == "tracker":
         known = device.uncertainty
-        return (TrackedOrientation(known.axis, find_origin(device, known, "axis")),)
+        return (
+            source("tracked orientation", known.axis, "rad", find_origin(device, known, "axis"), 3, add_to("turn")),
+        )
     return sensor_sources(device, device.hall, "sensors", _MOTOR_SOURCES_AVERAGED)

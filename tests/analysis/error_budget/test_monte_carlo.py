@@ -11,15 +11,13 @@ from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, er
 from haptorb.errors import InputError
 
 
-class Deviates(ErrorSource):
-    """Keeps what it drew, times `standard`."""
+def keep_deviates(name, standard, dimension):
+    """Source that keeps what it drew, times `standard`."""
 
-    def __init__(self, name, standard, dimension):
-        super().__init__(name, "1", "default", dimension)
-        self.size = standard
+    def perturb(deviates, trial):
+        setattr(trial, name, standard * deviates)
 
-    def perturb(self, deviates, trial):
-        setattr(trial, self.name, self.size * deviates)
+    return ErrorSource(name, "1", "default", dimension, perturb)
 
 
 class Chain(ErrorModel):
@@ -44,7 +42,7 @@ class Chain(ErrorModel):
 
 
 def make_budget(error, standard_a, standard_b, dimension=3, samples=6000, seed=0):
-    sources = (Deviates("a", standard_a, dimension), Deviates("b", standard_b, dimension))
+    sources = (keep_deviates("a", standard_a, dimension), keep_deviates("b", standard_b, dimension))
     return error_budget(Chain(error, sources), samples, seed)
 
 
@@ -101,7 +99,7 @@ def test_a_seed_repeats_and_another_one_does_not() -> None:
     def error(point, trial):
         return trial.a
 
-    sources = (Deviates("a", 1.0, 3),)
+    sources = (keep_deviates("a", 1.0, 3),)
     first, again, other = (error_budget(Chain(error, sources), 200, seed).bands[-1].size for seed in (1, 1, 2))
     assert first == again != other
 
@@ -114,6 +112,6 @@ def test_too_few_samples_and_a_negative_seed_are_refused(samples: int, seed: int
 
 def test_progress_is_told_up_to_the_end() -> None:
     shares: list[float] = []
-    error_budget(Chain(lambda point, trial: trial.a, (Deviates("a", 1.0, 3),)), 200, report=shares.append)
+    error_budget(Chain(lambda point, trial: trial.a, (keep_deviates("a", 1.0, 3),)), 200, report=shares.append)
     assert shares == sorted(shares)
     assert 0.5 < shares[-1] <= 1.0
