@@ -307,7 +307,7 @@ def new(
     from haptorb_study.template import write_study
 
     path = write_study(name, like, overwrite=force)
-    tell(f"{path}: like '{like}'. Edit it, then: haptorb study check {path}")
+    tell(f"{path}: written from the template '{like}'. Edit it, then: haptorb study check {path}")
 
 
 def check(
@@ -433,7 +433,7 @@ def power(
     if json:
         print_json(found.numbers())
         return
-    table = TextTable((Column("participants"), Column("power"), Column("95 %")))
+    table = TextTable((Column("participants"), Column("power"), Column("95 % CI")))
     for n, share, low, high in zip(found.people, found.power, found.low, found.high, strict=True):
         table.add_row(str(n), f"{share:.2f}", f"{low:.2f} to {high:.2f}")
     print_table(make_console(), table)

@@ -58,10 +58,10 @@ def describe_events() -> dict[str, dict[str, Any]]:
         "resume": "coils on again, from zero",
         "repeat": "the trial began again",
         "safety": "the device switched off by itself",
-        "leave": "ended for now, resumable",
+        "leave": "ended; can be continued",
         "abort": "ended for good",
         "no consent": "the participant did not agree to take part",
-        "failure": "the program or the device failed; resumable",
+        "failure": "the program or the device failed; can be continued",
     }
     return found
 

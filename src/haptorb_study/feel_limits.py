@@ -127,7 +127,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         return ScaleLimits(1.0, "the stability check did not finish", scale.hand_per_part)
     stable = margin / ENOUGH
     if stable < full:
-        reason = f"in a light grip it oscillates from {margin:.3g}; the stability check keeps a factor of {ENOUGH:g}"
+        reason = f"higher would vibrate: in a light grip from {margin:.3g}, and a factor of {ENOUGH:g} is kept to it"
     else:
         reason = (
             f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "

@@ -40,7 +40,7 @@ class View:
 
 _MAP_COLUMNS, _MAP_LINES = 62, 23
 _ARROWS = "→↗↑↖←↙↓↘"
-_KEY_HELP = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave (resumable) · A abort"
+_KEY_HELP = "space or Esc STOP · Enter answer · r repeat · e switch on · q leave, to continue later · A abort"
 
 
 @final
@@ -129,5 +129,5 @@ class Screen:
                 aside = force - out * way
                 size = float(np.linalg.norm(aside))
                 arrow = _ARROWS[round(4 * atan2(aside[1], aside[0]) / pi) % 8] if size > 0.02 else "·"
-                text = f"\nout {out:+.2f} N {'█' * max(0, round(20 * out)):<14} aside {size:.2f} N {arrow}"
+                text = f"\noutward {out:+.2f} N {'█' * max(0, round(20 * out)):<14} sideways {size:.2f} N {arrow}"
         return Text("\n".join("".join(line) for line in field) + text)

@@ -231,7 +231,7 @@ def test_plots_show_every_sample_hold_still_and_export(staged, tmp_path):
     page.mouse.move(plot["x"] + 0.97 * plot["width"], y, steps=4)
     page.mouse.up()
     screen.until(f"haptorb.samples < {held} && haptorb.samples > 100")
-    page.get_by_role("button", name="whole").click()
+    page.get_by_role("button", name="full window").click()
     screen.until(f"haptorb.samples === {held}")
     page.keyboard.press("p")
     screen.until(f"haptorb.samples > {held}")

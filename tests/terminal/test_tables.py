@@ -206,8 +206,8 @@ def curves():
         'name = "c"\nprocedure = "constant"\n[levels]\nparameter = "moment"\nreference = 2.0\nvalues = [1.5, 2.5]\n',
         curves={"base": ConditionCurves(answered, {"P01": fit}, group)}, notes=("condition 'weak': no answers yet",),
     )  # fmt: skip
-    return show, ["[A·m²]", "2.345", "2.2 to 2.5", "0.308", "2.41", "2.307 to 2.513", "0.0831", "0 to 0.217", "× 1.11",
-                  "0.37", "no answers yet", "P01: too few trials for the spread"]  # fmt: skip
+    return show, ["[A·m²]", "2.345", "2.2 to 2.5", "0.308", "2.41", "2.307 to 2.513", "0.0831", "0 to 0.217",
+                  "factor 1.11", "0.37", "no answers yet", "P01: too few trials for the spread"]  # fmt: skip
 
 
 def tracks():

@@ -192,7 +192,7 @@ def describe_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: Han
     margin = measure_margin(fitted, device, loop, hand)
     late = 1e3 * loop.lateness
     return (
-        f"{text}; stable against a wall up to {format_number(margin)} times that "
+        f"{text}; the loop is stable up to {format_number(margin)} times this stiffness "
         f"(poses every {1e3 * loop.period:.3g} ms, forces {late:.3g} ms late, "
         f"hand of {hand.mass:g} kg, {hand.damping:g} N·s/m, {hand.stiffness:g} N/m)"
     )

@@ -80,8 +80,8 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
         "Continuous force at the weakest position and direction in the workspace",
     )
     for layer in layers:
-        radial = (layer.lasting_radial, layer.lasting_radial_all_warm)
-        tangential = (layer.lasting_tangential, layer.lasting_tangential_all_warm)
+        radial = (layer.continuous_radial, layer.continuous_radial_all_warm)
+        tangential = (layer.continuous_tangential, layer.continuous_tangential_all_warm)
         forces = (*radial[: len(states)], *tangential[: len(states)])
         lasting.add_row(f"{layer.distance * 1e3:.0f}", *(f"{1e3 * force:.0f}" for force in forces))
     print_table(console, lasting)
@@ -135,10 +135,10 @@ class ElectromagnetCard(Card):
                     "distance_m": layer.distance,
                     "peak_radial_n": layer.peak_radial,
                     "peak_tangential_n": layer.peak_tangential,
-                    "continuous_radial_n": layer.lasting_radial,
-                    "continuous_tangential_n": layer.lasting_tangential,
-                    "continuous_radial_all_warm_n": layer.lasting_radial_all_warm,
-                    "continuous_tangential_all_warm_n": layer.lasting_tangential_all_warm,
+                    "continuous_radial_n": layer.continuous_radial,
+                    "continuous_tangential_n": layer.continuous_tangential,
+                    "continuous_radial_all_warm_n": layer.continuous_radial_all_warm,
+                    "continuous_tangential_all_warm_n": layer.continuous_tangential_all_warm,
                     "passive_pull_n": layer.passive_pull,
                     "dipole_error": layer.dipole_error,
                     "dipole_error_jnd": layer.dipole_error_jnd,
@@ -264,10 +264,12 @@ class ElectromagnetCard(Card):
             Quantity("shell", "mm", 1e3 * device.shell_thickness),
             Quantity("peak radial force in contact", "mN", 1e3 * near.peak_radial),
             Quantity("peak tangential force in contact", "mN", 1e3 * near.peak_tangential),
-            Quantity("continuous radial in contact, one coil warm", "mN", 1e3 * near.lasting_radial),
-            Quantity("continuous tangential in contact, one coil warm", "mN", 1e3 * near.lasting_tangential),
-            Quantity("continuous radial in contact, all coils warm", "mN", 1e3 * near.lasting_radial_all_warm),
-            Quantity("continuous tangential in contact, all coils warm", "mN", 1e3 * near.lasting_tangential_all_warm),
+            Quantity("continuous radial in contact, one coil warm", "mN", 1e3 * near.continuous_radial),
+            Quantity("continuous tangential in contact, one coil warm", "mN", 1e3 * near.continuous_tangential),
+            Quantity("continuous radial in contact, all coils warm", "mN", 1e3 * near.continuous_radial_all_warm),
+            Quantity(
+                "continuous tangential in contact, all coils warm", "mN", 1e3 * near.continuous_tangential_all_warm
+            ),
             Quantity("peak radial force at the shell's end", "mN", 1e3 * far.peak_radial),
             Quantity("passive pull in contact", "mN", 1e3 * near.passive_pull),
             Quantity("force in every direction at the summit", "mN", 1e3 * summit.guaranteed_force),
@@ -287,13 +289,16 @@ class ElectromagnetCard(Card):
         radial, tangential = "Radial force, weakest position", "Tangential force, weakest position and direction"
         return [
             curve(radial, "peak", [layer.peak_radial for layer in layers], "-"),
-            curve(radial, "continuous, one coil warm", [layer.lasting_radial for layer in layers], "--"),
-            curve(radial, "continuous, all coils warm", [layer.lasting_radial_all_warm for layer in layers], "-."),
+            curve(radial, "continuous, one coil warm", [layer.continuous_radial for layer in layers], "--"),
+            curve(radial, "continuous, all coils warm", [layer.continuous_radial_all_warm for layer in layers], "-."),
             curve(radial, "passive pull", [layer.passive_pull for layer in layers], ":"),
             curve(tangential, "peak", [layer.peak_tangential for layer in layers], "-"),
-            curve(tangential, "continuous, one coil warm", [layer.lasting_tangential for layer in layers], "--"),
+            curve(tangential, "continuous, one coil warm", [layer.continuous_tangential for layer in layers], "--"),
             curve(
-                tangential, "continuous, all coils warm", [layer.lasting_tangential_all_warm for layer in layers], "-."
+                tangential,
+                "continuous, all coils warm",
+                [layer.continuous_tangential_all_warm for layer in layers],
+                "-.",
             ),
             *common_curves(self._device),
         ]
@@ -309,8 +314,8 @@ class ElectromagnetCard(Card):
         left.plot(distance, [1e3 * layer.peak_radial for layer in layers], "C0-o", label="radial, peak")
         left.plot(distance, [1e3 * layer.peak_tangential for layer in layers], "C1-s", label="tangential, peak")
         for style, label, radial, tangential in (
-            ("--", "continuous, one coil warm", "lasting_radial", "lasting_tangential"),
-            ("-.", "continuous, all warm", "lasting_radial_all_warm", "lasting_tangential_all_warm"),
+            ("--", "continuous, one coil warm", "continuous_radial", "continuous_tangential"),
+            ("-.", "continuous, all warm", "continuous_radial_all_warm", "continuous_tangential_all_warm"),
         ):
             left.plot(
                 distance, [1e3 * getattr(layer, radial) for layer in layers], f"C0{style}o", label=f"radial, {label}"

@@ -185,7 +185,7 @@ def draw_comparison(
     apart.set_ylabel(f"replayed − recorded\n[{unit}]")
     names = [f"coil {name}".replace("$", r"\$") for name in coils]  # no formulae for matplotlib
     _draw_both(wanted, recorded, replayed, "wanted", slice(0, len(coils)), names)
-    wanted.set_ylabel("wanted currents [A]")
+    wanted.set_ylabel("commanded current [A]")
     moved, label = ("w", "angular velocity [rad/s]") if turning else ("p", "position [m]")
     _draw_both(way, recorded, replayed, moved, slice(0, 3), list("xyz"))
     way.set_ylabel(label)

@@ -443,7 +443,7 @@ def _space_view_finish(axes: Any, geometry: Geometry, corners: Array) -> None:
     axes.text(
         middle[0], middle[1], middle[2] + 0.1 * bar, f"{bar:g} mm", ha="center", va="bottom", fontsize=8, zorder=20
     )
-    axes.set_title("View from the front, without perspective", loc="left", fontsize=11)
+    axes.set_title("Oblique view, parallel projection", loc="left", fontsize=11)
 
 
 VIEWS = ("section", "3d", "both")

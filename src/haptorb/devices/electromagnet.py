@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from pathlib import Path
 from typing import ClassVar
+from warnings import warn
 
 import numpy as np
 from numpy import ascontiguousarray
@@ -900,9 +901,9 @@ def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a spherical electromagnet can do over its shell: peak and lasting force, endurance, and its model's error.
+# What a spherical electromagnet can do over its shell: peak and continuous force, endurance, and its model's error.
 #
-# Coils that warm each other last less. A lasting force is stated with one coil warm, where each coil carries what it
+# Coils that warm each other last less. A continuous force is stated with one coil warm, where each coil carries what it
 # stands alone, and with all coils warm, where each carries what it stands while all carry as much.
 
 
@@ -913,15 +914,23 @@ class Layer:
     distance: float  #: of the tool's magnet from the centre [m]
     peak_radial: float
     peak_tangential: float
-    lasting_radial: float  #: one coil warm
-    lasting_tangential: float
-    lasting_radial_all_warm: float
-    lasting_tangential_all_warm: float
+    continuous_radial: float  #: one coil warm
+    continuous_tangential: float
+    continuous_radial_all_warm: float
+    continuous_tangential_all_warm: float
     passive_pull: float  #: towards the centre, with all currents off
     dipole_error: (
         float  #: greatest relative error of the coils' force if the tool's magnet is a point dipole; its shape
     )
     coil_error: float | None  #: relative error of the force, rms over directions, as coils are points; None: unknown
+
+    def __getattr__(self, name: str) -> float:
+        """Value by the name it had before: lasting_radial and the like."""
+        now = name.replace("lasting_", "continuous_", 1)
+        if now == name or now not in type(self).__annotations__:
+            raise AttributeError(f"'Layer' has no attribute '{name}'")
+        warn(f"Layer.{name} is now called Layer.{now}", DeprecationWarning, stacklevel=2)
+        return float(getattr(self, now))
 
     @property
     def dipole_error_jnd(self) -> float:
@@ -975,7 +984,7 @@ def shell_capability(device: Device | str | Path, distances: Array | None = None
     Examples
     --------
     >>> contact = shell_capability("omni", points=20).layers[0]
-    >>> contact.lasting_radial_all_warm < contact.peak_radial
+    >>> contact.continuous_radial_all_warm < contact.peak_radial
     True
     """
     known = electromagnet(device, "the capability of a shell")

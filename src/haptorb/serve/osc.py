@@ -272,8 +272,17 @@ OUTGOING = (
     Outgoing("/haptorb/angular_velocity", "w", "x y z", "rad/s", "angular velocity of the mover"),
     Outgoing("/haptorb/force", "modelled", "x y z", "N", "force of the measured currents on the mover", last=3),
     Outgoing("/haptorb/torque", "modelled", "x y z", "N·m", "torque of the measured currents on the mover", first=3),
-    Outgoing("/haptorb/force/asked", "asked", "x y z", "N", "force asked by the worlds, after the guard", last=3),
-    Outgoing("/haptorb/torque/asked", "asked", "x y z", "N·m", "torque asked by the worlds, after the guard", first=3),
+    Outgoing(
+        "/haptorb/force/asked", "asked", "x y z", "N", "force commanded: that of the worlds, after the guard", last=3
+    ),
+    Outgoing(
+        "/haptorb/torque/asked",
+        "asked",
+        "x y z",
+        "N·m",
+        "torque commanded: that of the worlds, after the guard",
+        first=3,
+    ),
     Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object, a motor's target"),
     Outgoing("/haptorb/object/orientation", "object_q", "x y z w", "1", "orientation of the object, quaternion"),
     Outgoing("/haptorb/object/force", "object_wrench", "x y z", "N", "force of the worlds on the object", last=3),

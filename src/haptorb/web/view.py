@@ -105,7 +105,7 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
 # Worlds of a recording, described for the page: values, bodies, target scene and remarks.
 
 
-_UNKNOWN_WORLD_TEXT = "its code is not part of haptorb: neither its force map nor its bodies can be drawn"
+_UNKNOWN_WORLD_TEXT = "your own world: its code does not run here, so neither its force map nor its bodies are drawn"
 
 
 def read_worlds(notes: Sequence[Mapping[str, str]]) -> dict[int, tuple[str, dict[str, Any]]]:

@@ -64,9 +64,9 @@ def _push(p: Array, domes: Records, wrench: Array) -> None:
 
 @dataclass(frozen=True)
 class Dome(World):
-    """Radial and tangential force about a summit, Zárate 2020 Fig. 3 with errata E12 to E14 corrected.
+    """A hill that pushes the tool away, or a valley that draws it in: the map of Zárate 2020, Fig. 3.
 
-    With α the angle from the summit and k = π/(2θ₁):
+    The printed argument and inverse are corrected: errata E12 to E14. With α the angle from the summit and k = π/(2θ₁):
     F_r = 2F₀ cos(kα) (d_min/d)⁴ outward, F_t = F₀ sin(kα) (d_min/d)⁴ away from the summit, for α < θ₂ and d < d_max;
     zero elsewhere. F₀ = 3μ₀ m_e m_p/(4π d_min⁴). At θ₁ = 90° it is the map of two permanent magnets.
     A positive moment pushes, a negative one pulls. Torque is not controlled.
@@ -89,7 +89,7 @@ class Dome(World):
     )
     half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
-    moment: float = parameter(2.4, "A·m²", -4, 4, "moment of the electromagnet at the summit; negative pulls")
+    moment: float = parameter(2.4, "A·m²", -4, 4, "strength: moment of the electromagnet at the summit; negative pulls")
     tool_moment: float = 2.406  #: m_p [A·m²], from the device
     contact_distance: float = 0.050  #: d_min [m], from the device
     reach: float = 0.070  #: d_max [m], from the device

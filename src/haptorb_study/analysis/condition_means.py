@@ -73,7 +73,7 @@ def make_condition_table(means: tuple[ConditionMean, ...]) -> TextTable:
     """One row per measure and condition, for terminal and report; accuracy in per cent."""
     columns = (
         Column("measure", kind="key"), Column("condition", kind="key"), Column("participants"), Column("mean"),
-        Column("95 %"), Column("SD between people"),
+        Column("95 % CI"), Column("SD between people"),
     )  # fmt: skip
     table = TextTable(columns, "Means by condition, over participants")
     for one in means:

@@ -122,7 +122,7 @@ def make_magnitude_tables(scales: tuple[MagnitudeScale, ...], unit: str) -> tupl
     """Tables of means by level and of exponents, for terminal and report; none without data. `unit` of the levels."""
     if not scales:
         return ()
-    columns = (Column("condition", kind="key"), Column("level", unit), Column("geometric mean"), Column("95 %"))
+    columns = (Column("condition", kind="key"), Column("level", unit), Column("geometric mean"), Column("95 % CI"))
     rows: list[tuple[str, ...]] = [
         (one.condition, f"{level:g}", format_value(mean, ".3g"), format_range((low, high), ".3g"))
         for one in scales
@@ -137,8 +137,8 @@ def make_magnitude_tables(scales: tuple[MagnitudeScale, ...], unit: str) -> tupl
         )
         for one in scales
     ]  # fmt: skip
-    heads = (Column("condition", kind="key"), Column("participants"), Column("exponent"), Column("95 %"),
-             Column("at the reference"), Column("95 %"))  # fmt: skip
+    heads = (Column("condition", kind="key"), Column("participants"), Column("exponent"), Column("95 % CI"),
+             Column("at the reference"), Column("95 % CI"))  # fmt: skip
     where = f" in '{scales[0].condition}'" if several else ""
     return (
         TextTable(columns, f"Estimated magnitude (reference{where} = 1)", rows),

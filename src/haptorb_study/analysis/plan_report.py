@@ -10,6 +10,7 @@ from typing import Any
 from haptorb_study.analysis.comparison import ConditionComparison
 from haptorb_study.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
 from haptorb_study.registration import Registration
+from haptorb_study.statistics.significance import CORRECTIONS
 from haptorb_study.study_file import Study
 
 __all__ = ["PlanOutcome", "PlanReport", "SessionPlan", "find_plan", "report_plan"]
@@ -76,8 +77,8 @@ class PlanReport:
         tests = f"{len(self.outcomes)} planned test{'' if len(self.outcomes) == 1 else 's'}"
         return (
             f"plan {self.digest}, stored with the first session ({_minute(self.since)} UTC): {tests}, "
-            f"α = {self.alpha:g}, correction {self.correction}; {self.finished} of {self.planned} planned participants "
-            f"finished: {reached}{self.registered and f'; {self.registered}'}"
+            f"α = {self.alpha:g}, {CORRECTIONS[self.correction]}; {self.finished} of {self.planned} planned "
+            f"participants finished: {reached}{self.registered and f'; {self.registered}'}"
         )
 
     def numbers(self) -> dict[str, Any]:

@@ -97,8 +97,8 @@ def list_response_times(times: tuple[ResponseTime, ...]) -> list[dict[str, Any]]
 def make_response_table(times: tuple[ResponseTime, ...]) -> TextTable:
     """One row per condition or pair, for terminal and report."""
     columns = (
-        Column("condition", kind="key"), Column("trials"), Column("median", "s"), Column("95 %", "s"),
-        Column("geometric mean", "s"), Column("95 %", "s"), Column("time-outs"),
+        Column("condition", kind="key"), Column("trials"), Column("median", "s"), Column("95 % CI", "s"),
+        Column("geometric mean", "s"), Column("95 % CI", "s"), Column("time-outs"),
     )  # fmt: skip
     return TextTable(columns, "Response times, over participants", list(_rows(times)))
 

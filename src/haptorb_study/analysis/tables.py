@@ -20,12 +20,12 @@ from haptorb_study.analysis.number_format import format_p, format_range, format_
 from haptorb_study.analysis.plan_report import PlanReport
 from haptorb_study.analysis.response_times import make_response_table
 from haptorb_study.incidents import count_incidents
+from haptorb_study.statistics.significance import CORRECTIONS
 
 __all__ = ["list_group_tables", "list_notes", "list_psychometric_notes", "list_psychometric_tables", "print_summary"]
 
 
 _TESTS = {"t": "Student's t test over participants", "sign-flip": "sign-flip test over participants"}
-_CORRECTIONS = {"holm": "Holm", "bonferroni": "Bonferroni", "none": "no correction"}
 
 
 def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
@@ -69,10 +69,10 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
             )
     if analysis.comparisons:
         row = analysis.comparisons[0]
-        correction = _CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
+        correction = CORRECTIONS[(analysis.plan and analysis.plan.correction) or "holm"]
         alike = "; if all values are equal, a sign-flip test" if row.test == "t" else ""
         yield (
-            f"p: two-sided {_TESTS[row.test]}, one value per participant{alike}. Corrected: {correction}, separately "
+            f"p: two-sided {_TESTS[row.test]}, one value per participant{alike}. With {correction}, separately "
             "for planned tests, tests over all conditions, and pairs of conditions. Intervals: Student's t over "
             "participants; of the effect sizes d_z and Hedges' g_av, noncentral t."
         )
@@ -81,7 +81,7 @@ def list_notes(analysis: Analysis) -> Iterator[str]:
 def _localisation(found: Localisation) -> Iterator[TextTable]:
     yield _table(
         f"Errors on the sphere: {found.answers}",
-        (Column("along", kind="key"), Column("answers"), Column("constant", "°"), Column("95 %", "°"), Column("p"),
+        (Column("along", kind="key"), Column("answers"), Column("constant", "°"), Column("95 % CI", "°"), Column("p"),
          Column("variable", "°")),
         ((axis.axis, str(axis.trials), format_value(axis.constant.mean, ".2f"),
           format_range((axis.constant.low, axis.constant.high), ".2f"), format_value(axis.constant.p, ".3g"),
@@ -90,12 +90,13 @@ def _localisation(found: Localisation) -> Iterator[TextTable]:
     if (slope := found.slope) is not None and math.isfinite(slope.mean):
         yield _table(
             "Error over θ as a line",
-            (Column("slope", "mm/°"), Column("95 %", "mm/°"), Column("p"), Column("at θ = 0", "mm"), Column("people")),
+            (Column("slope", "mm/°"), Column("95 % CI", "mm/°"), Column("p"), Column("at θ = 0", "mm"),
+             Column("people")),
             [(format_value(slope.mean, ".4f"), format_range((slope.low, slope.high), ".4f"),
               format_value(slope.p, ".3g"), format_value(found.intercept, ".2f"), str(slope.people))],
         )  # fmt: skip
     yield _table(
-        "Answers about each set-point",
+        "Answers around each set-point",
         (Column("set-point", kind="key"), Column("answers"), Column("up", "°"), Column("around", "°"),
          Column("mean θ", "°"), Column("mean φ", "°"), Column("resultant"), Column("κ"), Column("SD", "°")),
         ((str(x.set_point), str(x.spread.count), format_value(x.up, ".1f"), format_value(x.around, ".1f"),
@@ -106,7 +107,7 @@ def _localisation(found: Localisation) -> Iterator[TextTable]:
     if found.information:
         yield _table(
             "Information transferred",
-            (Column("condition", kind="key"), Column("T", "bit"), Column("95 %", "bit"),
+            (Column("condition", kind="key"), Column("T", "bit"), Column("95 % CI", "bit"),
              Column("maximum", "bit"), Column("plug-in", "bit"), Column("Miller–Madow", "bit"), Column("chance", "bit"),
              Column("p")),
             ((name, format_value(x.bits, ".2f"), format_range((x.low, x.high), ".2f"),
@@ -130,7 +131,7 @@ def _outcomes(plan: PlanReport) -> TextTable:
 def _comparisons(title: str, rows: Iterable[ConditionComparison], analysis: Analysis) -> TextTable:
     return _table(
         title,
-        (Column("test", kind="text"), Column("mean"), Column("95 %"), Column("people"), Column("p"),
+        (Column("test", kind="text"), Column("mean"), Column("95 % CI"), Column("people"), Column("p"),
          Column("p corrected")),
         ((_test(x), f"{x.difference:.3g}", format_range((x.low, x.high), ".3g"), str(x.people),
           f"{x.p:.3g}", format_value(x.p_corrected, ".3g")) for x in rows),
@@ -140,7 +141,7 @@ def _comparisons(title: str, rows: Iterable[ConditionComparison], analysis: Anal
 def _effects(rows: Iterable[ConditionComparison]) -> TextTable:
     return _table(
         "Effect sizes",
-        (Column("test", kind="text"), Column("d_z"), Column("95 %"), Column("g_av"), Column("95 %")),
+        (Column("test", kind="text"), Column("d_z"), Column("95 % CI"), Column("g_av"), Column("95 % CI")),
         ((_test(x), format_value(e.d_z, ".2f"), format_range(e.d_z_95, ".2f"), format_value(e.g_av, ".2f"),
           format_range(e.g_av_95, ".2f")) for x in rows if (e := x.effect) is not None),
     )  # fmt: skip
@@ -182,8 +183,7 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
             "and 95 % by likelihood ratio. ≥ and ≤: the interval has one end only; the answers are compatible with any "
             "value beyond it. "
             "Threshold: the comparison is called stronger in 50 %; JND: from there to 75 %. fit p: share of "
-            "simulated repetitions with at least this deviance. Group: hierarchical model of all answers; an SD "
-            "between people that begins with × is a factor."
+            "simulated repetitions with at least this deviance. Group: hierarchical model of all answers."
         )
     if analysis.tracks:
         share = "70.7 %" if analysis.study.procedure == "staircase" else "75 %"
@@ -201,8 +201,8 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
 
 def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
     table = TextTable(
-        (Column("condition", kind="key"), Column("of the group", kind="key"), Column("mean"), Column("95 %"),
-         Column("SD between people"), Column("95 %")), "Psychometric curve of the group",
+        (Column("condition", kind="key"), Column("of the group", kind="key"), Column("mean"), Column("95 % CI"),
+         Column("SD between people"), Column("95 % CI")), "Psychometric curve of the group",
     )  # fmt: skip
     of = f" [{unit}]" if unit else ""
     for name, one in analysis.curves.items():
@@ -216,7 +216,7 @@ def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
         low, high = one.group_jnd_95
         table.add_row(
             name, f"JND (75 %){of}", _closed(JND * one.group_spread, (low, high)), format_range((low, high), ".3g"),
-            f"× {math.exp(spread.sd):.2f}" if math.isfinite(spread.sd) else "–", _factors(spread.sd_95, math.e),
+            f"factor {math.exp(spread.sd):.2f}" if math.isfinite(spread.sd) else "–", _factors(spread.sd_95, math.e),
         )  # fmt: skip
         table.add_row(name, "lapses [%]", f"{100 * group.lapse:.1f}", "", "", "")
     return table
@@ -225,7 +225,7 @@ def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
 def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
     table = TextTable(
         (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"),
-         Column("threshold", unit), Column("95 %", unit), Column("JND (75 %)", unit), Column("95 %", unit),
+         Column("threshold", unit), Column("95 % CI", unit), Column("JND (75 %)", unit), Column("95 % CI", unit),
          Column("lapses", "%"), Column("fit p")), "Psychometric curve of each participant",
     )  # fmt: skip
     for name, one in analysis.curves.items():
@@ -242,15 +242,15 @@ def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
 
 def _tabulate_group_tracks(analysis: Analysis, unit: str) -> TextTable:
     table = TextTable(
-        (Column("condition", kind="key"), Column("threshold", unit), Column("95 %", unit),
-         Column("SD between people"), Column("95 %")), "Threshold of the group",
+        (Column("condition", kind="key"), Column("threshold", unit), Column("95 % CI", unit),
+         Column("SD between people"), Column("95 % CI")), "Threshold of the group",
     )  # fmt: skip
     for name, one in analysis.tracks.items():
         if (group := one.group) is not None:
             low, high = (2**end if math.isfinite(end) else end for end in group.mean_95)
             table.add_row(
                 name, _closed(2**group.mean, group.mean_95), format_range((low, high), ".4g"),
-                f"× {2**group.sd:.2f}" if math.isfinite(group.sd) else "–", _factors(group.sd_95, 2.0),
+                f"factor {2**group.sd:.2f}" if math.isfinite(group.sd) else "–", _factors(group.sd_95, 2.0),
             )  # fmt: skip
     return table
 
@@ -259,7 +259,7 @@ def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
     reverses = analysis.study.procedure == "staircase"
     table = TextTable(
         (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"),
-         *([Column("of the reversals", unit)] if reverses else []), Column("threshold", unit), Column("95 %", unit)),
+         *([Column("of the reversals", unit)] if reverses else []), Column("threshold", unit), Column("95 % CI", unit)),
         "Threshold of each participant",
     )  # fmt: skip
     for name, one in analysis.tracks.items():
@@ -331,7 +331,8 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
     if analysis.rings:
         yield _table(
             f"Error over θ: {name_error(analysis.study.procedure)}",
-            (Column("θ", "°", "key"), Column("trials"), Column("mean", "mm"), Column("95 %", "mm"), Column("SD", "mm")),
+            (Column("θ", "°", "key"), Column("trials"), Column("mean", "mm"), Column("95 % CI", "mm"),
+             Column("SD", "mm")),
             ((f"{r.theta_deg:g}", str(r.trials), f"{r.mean:.2f}", format_range((r.low, r.high), ".2f"),
               format_value(r.sd, ".2f")) for r in analysis.rings),
         )  # fmt: skip
@@ -339,7 +340,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
     if analysis.scores:
         yield _table(
             "Ratings",
-            (Column("condition", kind="key"), Column("mean"), Column("95 %"), Column("SD"), Column("ratings")),
+            (Column("condition", kind="key"), Column("mean"), Column("95 % CI"), Column("SD"), Column("ratings")),
             ((name, f"{x.mean:.2f}", format_range((x.low, x.high), ".2f"), format_value(x.sd, ".2f"), str(x.ratings))
              for name, x in analysis.scores.items()),
         )  # fmt: skip
@@ -349,7 +350,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
     if analysis.chosen:
         yield _table(
             "Choices",
-            (Column("chosen", kind="text"), Column("times"), Column("95 %", "%")),
+            (Column("chosen", kind="text"), Column("times"), Column("95 % CI", "%")),
             ((f"{a} over {b}", f"{k} of {n}", format_range(limits, ".1f", 100))
              for (a, b), (k, n, limits) in analysis.chosen.items()),
         )  # fmt: skip
@@ -368,6 +369,6 @@ def _identification(analysis: Analysis) -> TextTable:
         rows.append((str(n), f"{point.theta_deg:g}", f"{point.phi_deg:g}", right, limits, wrong))
     columns = (
         Column("set-point", kind="key"), Column("θ", "°"), Column("φ", "°"), Column("correct", "%"),
-        Column("95 %", "%"), Column("wrong answers to", kind="text"),
+        Column("95 % CI", "%"), Column("wrong answers to", kind="text"),
     )  # fmt: skip
     return _table("Accuracy by set-point", columns, rows)

@@ -64,7 +64,7 @@ class TrueScale:
         """Summary of the scale, without a full stop."""
         return (
             f"1 N at the part is {self.hand_per_part:.2g} N in the hand on the {1e3 * self.arm:.0f} mm handle at gain "
-            f"1; gain {self.whole:.3g} is 1 : 1"
+            f"1; at gain {self.whole:.3g} the hand feels the part's full force"
         )
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import product
 from typing import Literal, get_args
@@ -29,8 +29,10 @@ __all__ = [
 
 PairTest = Literal["t", "sign-flip"]
 Correction = Literal["holm", "bonferroni", "none"]
+CORRECTIONS: Mapping[str, str] = {
+    "holm": "Holm's correction", "bonferroni": "Bonferroni's correction", "none": "no correction",
+}  # fmt: skip
 TESTS: tuple[PairTest, ...] = get_args(PairTest)
-CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
 
 MAX_EXACT_PARTICIPANTS = 14  #: participants up to whom all sign patterns are enumerated
 _SAMPLED_PATTERNS = 5_000  #: sign patterns sampled above, with the observed one

@@ -107,7 +107,7 @@ def test_help_lists_the_keys(shared):
 
 def test_those_who_listen_get_values_and_alerts(shared):
     screen, fake = shared
-    screen.until("document.getElementById('polite').textContent.includes('newton given')")
+    screen.until("document.getElementById('polite').textContent.includes('newton delivered')")
     assert screen.page.locator("#polite").get_attribute("aria-live") == "polite"
     fake.stop()
     screen.until("!document.getElementById('alert').hidden")

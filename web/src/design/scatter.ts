@@ -36,13 +36,13 @@ export class Scatter {
     this.layers = new Layers("points", () => this.draw());
     const goals = designs.columns.filter(({ kind }) => kind === "objective");
     const [first, second] = goals.length > 1 ? [goals[0]!, goals[1]!] : [designs.columns[0]!, goals[0]!];
-    const pickers = [this.picker("Across", first, (one) => (this.x = one)), this.picker("Up", second, (one) => (this.y = one))];
+    const pickers = [this.picker("Horizontal axis", first, (one) => (this.x = one)), this.picker("Vertical axis", second, (one) => (this.y = one))];
     [this.x, this.y] = [first, second];
     this.whole.addEventListener("change", () => this.draw());
     this.slider.append(this.layers.box);
     this.slider.ariaLabel = designs.front.length > 1 ? "Designs of the Pareto front" : "Selected designs";
     this.root.append(
-      make("div", { className: "pickers" }, ...pickers, make("label", { className: "check" }, this.whole, " whole range")),
+      make("div", { className: "pickers" }, ...pickers, make("label", { className: "check" }, this.whole, " include outliers")),
       this.slider,
       this.beyond,
     );

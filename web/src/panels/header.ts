@@ -58,11 +58,8 @@ export class Header {
       write(at("loop"), "");
       return;
     }
-    const parts = [
-      `${formatNumber(health.rate_hz, 0)} Hz`,
-      `${formatNumber(100 * health.success, 2)} %`,
-      `p99 ${formatNumber(health.lateness_p99_us, 0)} µs`,
-    ];
+    const parts = [`loop ${formatNumber(100 * health.success, 2)} % on time`];
+    at("loop").title = `${formatNumber(health.rate_hz, 0)} Hz; 99 % of the ticks began at most ${formatNumber(health.lateness_p99_us, 0)} µs late`;
     // A hand that nobody tracks has no age.
     if (health.pose_age_ms) parts.push(`pose ${formatNumber(health.pose_age_ms, 0)} ms`);
     if (health.recording_trouble) parts.push("not recording");

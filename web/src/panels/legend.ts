@@ -53,8 +53,8 @@ export class Legend {
     legend.querySelector<HTMLElement>(".key")!.hidden = true;
     at("bar").ariaLabel = "Colour scale of the coils' currents";
     this.scale(range);
-    for (const kind of ["given", "asked"]) {
-      at("arrows").querySelector(`.arrow.${kind}`)!.nextSibling!.textContent = `${gives} ${kind}`;
+    for (const [kind, word] of [["given", "delivered"], ["asked", "commanded"]] as const) {
+      at("arrows").querySelector(`.arrow.${kind}`)!.nextSibling!.textContent = `${gives} ${word}`;
     }
     this.painted = false;
   }

@@ -14,9 +14,9 @@ export class MotorReadouts {
   private readonly cells: { current: HTMLElement; temperature: HTMLElement; swatch: HTMLElement }[] = [];
 
   constructor(private readonly session: Session) {
-    for (const id of ["asked", "given"]) {
+    for (const [id, word] of [["asked", "commanded"], ["given", "delivered"]] as const) {
       const box = at(id).closest("div")!;
-      write(box.querySelector("dt")!, `|T| ${id}`);
+      write(box.querySelector("dt")!, `torque ${word}`);
       box.querySelector("dd")!.lastChild!.textContent = " N·m";
     }
     const distance = at("distance").closest("div")!;
@@ -57,7 +57,7 @@ export class MotorReadouts {
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
     });
     const left = sample.number("remaining");
-    write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
+    write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "no limit");
   }
 
   /** The same, as a sentence for those who listen. */
@@ -67,7 +67,7 @@ export class MotorReadouts {
     const q = sample.quaternion("q");
     const [x, y, z] = axis(q);
     const tilt = Math.atan2(Math.hypot(x, y), z) * DEGREE;
-    return `${given.toFixed(2)} newton metres given, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEGREE, 0)}`;
+    return `${given.toFixed(2)} newton metres delivered, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEGREE, 0)}`;
   }
 
   private dress(): void {

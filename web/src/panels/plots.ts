@@ -162,7 +162,7 @@ export class Plots {
     const size = (c: number): number => Math.abs(values[c]!) || 0;
     const few = curves.length <= 6 ? all : all.sort((a, b) => size(b) - size(a)).slice(0, 3);
     const parts = few.map((c) => `${curves[c]!.label} ${formatNumber(values[c]!, digits)}`);
-    if (few.length < curves.length) parts.unshift("greatest");
+    if (few.length < curves.length) parts.unshift("largest");
     write(reading, when + parts.join("  "));
   }
 
@@ -190,11 +190,11 @@ export class Plots {
     const first = this.turning ? 3 : 0;
     const of = (name: string): number[] => axes.map((i) => this.index(`${name}[${first + i}]`));
     const position = axes.map((i) => this.index(`p[${i}]`));
-    const pair = (name: string, colour: string, dashed: boolean): Curve =>
+    const pair = (name: string, label: string, colour: string, dashed: boolean): Curve =>
       this.select.value === "radial"
-        ? { label: name, colour, dashed, from: [...of(name), ...position], make: radial }
-        : { label: name, colour, dashed, from: of(name), make: magnitude };
-    if (this.select.value !== "xyz") return [pair("given", "--given", false), pair("asked", "--asked", true)];
+        ? { label, colour, dashed, from: [...of(name), ...position], make: radial }
+        : { label, colour, dashed, from: of(name), make: magnitude };
+    if (this.select.value !== "xyz") return [pair("given", "delivered", "--given", false), pair("asked", "commanded", "--asked", true)];
     return axes.flatMap((i) => [
       { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given[${first + i}]`)], make: same },
       { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked[${first + i}]`)], make: same },

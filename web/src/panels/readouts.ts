@@ -39,7 +39,7 @@ export class Readouts {
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
     });
     const left = sample.number("remaining");
-    write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "unlimited");
+    write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "no limit");
   }
 
   /** Torque asked and given, and what limits it: shown once a world asks for torque, or a person chose it. */
@@ -68,6 +68,6 @@ export class Readouts {
     const given = norm(sample.vector("given"));
     if (!Number.isFinite(given)) return "";
     const { tilt, length } = spherical(sample.vector("p"));
-    return `${given.toFixed(1)} newton given at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
+    return `${given.toFixed(1)} newton delivered at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
   }
 }

@@ -59,10 +59,10 @@ const WORDS: Record<string, [string, string]> = {
   "device off": ["device off, the trial is waiting", "bad"],
   paused: ["STOPPED, coils off", "bad"],
   done: ["done", "off"],
-  left: ["ended, resumable", "off"],
+  left: ["ended; can be continued", "off"],
   aborted: ["aborted", "off"],
   declined: ["no consent, not begun", "off"],
-  failed: ["ended by a failure, resumable", "bad"],
+  failed: ["ended by a failure; can be continued", "bad"],
 };
 const SURE = 6000; // ms in which aborting must be confirmed
 
