@@ -32,10 +32,10 @@ _MAX_EVENTS = 400  #: stored events of each kind
 
 #: name, unit, field, elements of it; of a vector of three the norm, else each element
 CHANNELS = (
-    ("force given", "N", "given", slice(0, 3)),
-    ("force asked", "N", "asked", slice(0, 3)),
-    ("torque given", "N·m", "given", slice(3, 6)),
-    ("torque asked", "N·m", "asked", slice(3, 6)),
+    ("force delivered", "N", "given", slice(0, 3)),
+    ("force commanded", "N", "asked", slice(0, 3)),
+    ("torque delivered", "N·m", "given", slice(3, 6)),
+    ("torque commanded", "N·m", "asked", slice(3, 6)),
     ("currents", "A", "currents", slice(None)),
     ("temperature", "K", "winding", slice(None)),
 )

@@ -44,7 +44,7 @@ def test_ranges_are_those_of_all_rows(made, recording):
         mine = place == k
         names = [name for name, *_ in CHANNELS]
         np.testing.assert_allclose(
-            bins.ranges[names.index("force given"), :, k], [force[mine].min(), force[mine].max()], rtol=1e-12
+            bins.ranges[names.index("force delivered"), :, k], [force[mine].min(), force[mine].max()], rtol=1e-12
         )
         np.testing.assert_allclose(
             bins.ranges[names.index("currents"), :, k], [current[mine].min(), current[mine].max()], rtol=1e-12

@@ -14,8 +14,8 @@ export interface Quantity {
 }
 
 export const QUANTITIES: Quantity[] = [
-  { name: "force", area: "force given", line: "force asked", unit: "N", shift: 0 },
-  { name: "torque", area: "torque given", line: "torque asked", unit: "N·m", shift: 0 },
+  { name: "force", area: "force delivered", line: "force commanded", unit: "N", shift: 0 },
+  { name: "torque", area: "torque delivered", line: "torque commanded", unit: "N·m", shift: 0 },
   { name: "currents", area: "currents", line: "", unit: "A", shift: 0 },
   { name: "temperature", area: "temperature", line: "", unit: "°C", shift: -273.15 },
 ];
