@@ -1,6 +1,6 @@
 """Every way in which a run ends, beside everything that may hang then: when are the coils off?
 
-    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--json]
+    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--into FILE.jsonl] [--json]
 
 Whole programs are run and ended: by SIGINT, SIGTERM, SIGHUP, `--duration`, an exception in the world, leaving the
 `with` block of a Python program, a page's Stop; while nothing, the server, the recorder, the tracker or the compiler is
@@ -12,6 +12,9 @@ over). Simulated device: until the wall time of the row after the first one with
 Emulated board: by the emulator's log of its PWM chip's registers, in firmware time, as fast as time. A run in which the
 coils went off before the end (a computer that is too busy for the board's watchdog of 15 ms) does not count and is
 repeated. Exit code 1 if a single end took longer than 20 ms, or left a process or shared memory behind.
+
+With `--into`, every end is appended to a file with the commit and the time at which it was measured, and those that the
+file has are not measured again: a thousand ends take two hours, and need not be measured in one go.
 """
 
 from __future__ import annotations
@@ -441,9 +444,41 @@ class Program:
         return left
 
 
-def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str], None]) -> list[tuple[Case, float]]:
-    """`count` ends: each with the time for which the coils stayed on [ms]."""
-    todo, found = list(cases(count, boards)), list[tuple[Case, float]]()
+class Results:
+    """Ends that were measured, in a file with one JSON object in each line; no `path`: in memory only."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.found: list[tuple[Case, float]] = []
+        self.commits: set[str] = set()
+        self._commit = subprocess.run(
+            ["git", "describe", "--always", "--dirty"], cwd=Path(__file__).parent, capture_output=True, text=True,
+            check=False,
+        ).stdout.strip()  # fmt: skip
+        if path is not None and path.exists():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                row = json.loads(line)
+                self.commits.add(row["commit"])
+                self.found.append((Case(row["end"], row["fault"], row["board"]), float(row["off_ms"])))
+
+    def add(self, case: Case, took: float) -> None:
+        """Add an end that took so long [ms]."""
+        self.found.append((case, took))
+        self.commits.add(self._commit)
+        if self._path is not None:
+            row = {**vars(case), "off_ms": round(took, 2), "commit": self._commit, "unix": round(time.time())}
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+
+
+def measure(
+    count: int, lanes: int, boards: Sequence[str], results: Results, tell: Callable[[str], None]
+) -> list[tuple[Case, float]]:
+    """`count` ends with those of `results`: each with the time for which the coils stayed on [ms]."""
+    todo, found = list(cases(count, boards)), results.found
+    for case, _ in found:
+        with suppress(ValueError):
+            todo.remove(case)
     lost, left = list[str](), list[str]()
     taking, measuring, failures = threading.Lock(), threading.Lock(), list[BaseException]()
 
@@ -470,7 +505,8 @@ def measure(count: int, lanes: int, boards: Sequence[str], tell: Callable[[str],
                     left.append(str(why))
                     tell(f"LEFT BEHIND: {why}")
                     continue
-                found.append((case, took))
+                with taking:
+                    results.add(case, took)
                 if took > LIMIT or len(found) % 25 == 0:
                     tell(f"{len(found)} of {count}: {case.end} beside {case.fault} on {case.board}: {took:.1f} ms")
         except BaseException as cause:
@@ -512,15 +548,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--ends", type=int, default=168)
     parser.add_argument("--lanes", type=int, default=2, help="programs at the same time; one is measured at a time")
     parser.add_argument("--boards", nargs="*", default=BOARDS, choices=BOARDS)
+    parser.add_argument("--into", type=Path, help="file of the ends measured so far, which is continued")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     # A shell has what it starts in the background ignore Ctrl-C, and so would the programs that are to be ended by it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if "emulated" in options.boards and not (BUILD / "emulator").exists():
         raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
-    found = measure(options.ends, options.lanes, options.boards, lambda text: print(text, file=sys.stderr, flush=True))
+    results = Results(options.into)
+    found = measure(
+        options.ends, options.lanes, options.boards, results, lambda text: print(text, file=sys.stderr, flush=True)
+    )
     times = [took for _, took in found]
-    good = len(found) == options.ends and max(times) <= LIMIT
+    good = len(found) >= options.ends and max(times) <= LIMIT
     if options.json:
         rows: list[dict[str, Any]] = [{**vars(case), "off_ms": took} for case, took in found]
         print(json.dumps({"good": good, "worst_ms": max(times), "ends": rows}))
@@ -530,6 +570,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if some := [took for case, took in found if getattr(case, of) == kind]:
                 print(describe(kind, some))
     print(describe("all ends", times) + (": kept" if good else ": NOT KEPT"))
+    if options.into is not None:
+        print(f"measured at {len(results.commits)} commits: {options.into}")
     return 0 if good else 1
 
 
