@@ -26,6 +26,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _print_unless_interrupted(kind: type[BaseException], cause: BaseException, trace: TracebackType | None) -> None:
-    """^C within the handling of ^C: the exit code says it."""
+    """Print an uncaught exception unless it is Ctrl-C: the exit code reports that."""
     if not issubclass(kind, KeyboardInterrupt):
         sys.__excepthook__(kind, cause, trace)

@@ -30,13 +30,9 @@ if TYPE_CHECKING:
 __all__ = ["ArmCard"]
 
 
-# --------------------------------------------------------------------------------------------------
-# The card of a haptic arm: what it gives, weighs and senses, and how stiff a wall it renders.
-
-
 @final
 class ArmCard(Card):
-    """Forces are the same everywhere in the workspace; stiffness limits are those of a loop of 1 kHz."""
+    """Card of an arm: forces hold in the whole workspace; stiffness limits hold for a loop of 1 kHz."""
 
     _device: Arm
 
@@ -49,7 +45,7 @@ class ArmCard(Card):
         self._endurance = endurance(device)
 
     def numbers(self) -> dict[str, Any]:
-        """Everything on the card as plain JSON types."""
+        """Return everything on the card as plain JSON types."""
         device = self._device
         effector, encoder, gripper = device.effector, device.encoder, device.gripper
         peak, lasting = device.greatest_wrench, device.continuous_wrench
@@ -80,16 +76,16 @@ class ArmCard(Card):
 
     @property
     def _passive(self) -> float:
-        """Largest passive stiffness with the hand's damping: 2b/T (Colgate and Schenkel 1997) [N/m]."""
+        """Return the largest passive stiffness with the hand's damping: 2b/T (Colgate and Schenkel 1997) [N/m]."""
         return self._loop.passive_bound(self._grip.damping)
 
     @property
     def _stable(self) -> float:
-        """Largest stable stiffness with the hand of the file, lag included [N/m]."""
+        """Return the largest stable stiffness with the hand of the device file, motor lag included [N/m]."""
         return self._loop.largest(self._grip)
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the card on `console`."""
         device = self._device
         effector, encoder, gripper = device.effector, device.encoder, device.gripper
         turned = {
@@ -134,7 +130,7 @@ class ArmCard(Card):
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def quantities(self) -> list[Quantity]:
-        """The figures of the card that stand beside those of other devices, in order."""
+        """Return the card's quantities for a comparison with other devices, in order."""
         device = self._device
         peak, lasting = device.greatest_wrench, device.continuous_wrench
         half = [2e3 * side for side in device.workspace.half]
@@ -152,11 +148,11 @@ class ArmCard(Card):
         ]
 
     def curves(self) -> list[Curve]:
-        """The lines that are drawn over those of other devices."""
+        """Return the card's curves for a comparison with other devices."""
         return common_curves(self._device)
 
     def draw(self) -> Figure:
-        """The card as a picture."""
+        """Return the card as a figure."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(10, 4.2), layout="constrained")

@@ -30,16 +30,12 @@ if TYPE_CHECKING:
 __all__ = ["CoilArrayCard"]
 
 
-# --------------------------------------------------------------------------------------------------
-# The card of a coil array: force along each axis by height, the weakest place, and the heat of a newton.
-
-
 _COIL_ARRAY_AXES = ("x", "y", "z")
 
 
 @final
 class CoilArrayCard(Card):
-    """Forces are those of the exact model on a tool held upright, over a dome radially; a torque accompanies them."""
+    """Card of a coil array: forces by the exact model on an upright tool, on a dome a radial one."""
 
     _device: CoilArray
 
@@ -47,14 +43,12 @@ class CoilArrayCard(Card):
         self._device = device
         self._contact = map_contact(device)
         contact, *above = array_capability(device)
-        weakest = min(
-            contact.weakest, float(np.nanmin(self._contact.weakest))
-        )  # each has places that the other has not
+        weakest = min(contact.weakest, float(np.nanmin(self._contact.weakest)))  # the key sets differ between the two
         self._layers = (replace(contact, weakest=weakest), *above)
         self._endurance = endurance(device)
 
     def numbers(self) -> dict[str, Any]:
-        """Everything on the card as plain JSON types."""
+        """Return everything on the card as plain JSON types."""
         device, surface = self._device, self._device.surface
         return {
             **facts(device),
@@ -93,7 +87,7 @@ class CoilArrayCard(Card):
         }
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the card on `console`."""
         device, surface = self._device, self._device.surface
         low, high = device.contact_height * 1e3, (device.contact_height + surface.thickness) * 1e3
         if surface.is_dome:
@@ -147,7 +141,7 @@ class CoilArrayCard(Card):
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def quantities(self) -> list[Quantity]:
-        """The figures of the card that stand beside those of other devices, in order."""
+        """Return the card's quantities for a comparison with other devices, in order."""
         contact = self._layers[0]
         forces = zip(_COIL_ARRAY_AXES, (1e3 * contact.peak).tolist(), strict=True)
         return [
@@ -158,7 +152,7 @@ class CoilArrayCard(Card):
         ]
 
     def curves(self) -> list[Curve]:
-        """The lines that are drawn over those of other devices."""
+        """Return the card's curves for a comparison with other devices."""
         heights = [1e3 * layer.height for layer in self._layers]
         peaks = 1e3 * np.array([layer.peak for layer in self._layers])
         forces = [
@@ -169,7 +163,7 @@ class CoilArrayCard(Card):
         return [*forces, *common_curves(self._device)]
 
     def draw(self) -> Figure:
-        """The card as a picture."""
+        """Return the card as a figure."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(15, 4.5), layout="constrained")

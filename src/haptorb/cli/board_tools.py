@@ -1,4 +1,4 @@
-"""Detects connected devices and the parts that respond; tests a coil, reads sensors, runs the emulator."""
+"""Detect connected devices and their parts, test a coil, read sensors, run the emulator."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
 
 _SELECT = i2c_chips.TCA9534_ADDRESS
 
-#: address → what should answer there
+#: I²C address → part expected there
 _CHIPS = {
     i2c_chips.ADDRESS: "PWM driver PCA9685",
     **{
@@ -59,7 +59,7 @@ _CHIPS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One place where a device might be; `driver` is the value for `--driver`, empty if no usable device is there."""
+    """Result for one port or bus; `driver` is the value for `--driver`, empty if no usable device is connected."""
 
     place: str
     answers: bool
@@ -68,9 +68,9 @@ class Finding:
 
 
 def probe(ports: Sequence[str] | None = None, buses: Sequence[int] | None = None) -> Iterator[Finding]:
-    """Every serial port and I²C bus (or those given), one finding each, as soon as it is known.
+    """Probe all serial ports and I²C buses, or those given; yield one finding each as soon as it is known.
 
-    Asking an Arduino restarts it, which takes up to two seconds.
+    Opening an Arduino's port resets it, which takes up to two seconds.
     """
     for path in [one for one, _ in port_list()] if ports is None else ports:
         yield _port(path)
@@ -78,7 +78,7 @@ def probe(ports: Sequence[str] | None = None, buses: Sequence[int] | None = None
         port = LinuxPort(number)
         try:
             bus = port.open()
-        except DriverError as cause:  # also if another program drives it: it is asked nothing then
+        except DriverError as cause:  # also if another program has the port open: then nothing is sent
             yield Finding(port.name, False, (str(cause),))
             continue
         with closing(port):
@@ -109,7 +109,7 @@ def _port(path: str) -> Finding:
 
 
 def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) -> Finding:
-    """Which of the device's chips acknowledge on `bus`, and how its monostable fares; outputs are switched off first.
+    """List the device's chips that acknowledge on `bus`, and test its monostable; outputs are switched off first.
 
     `clock` [s] is that of the bus.
     """
@@ -128,7 +128,7 @@ def chips_on(bus: I2cBus, place: str, clock: Callable[[], float] = monotonic) ->
 
 
 def _probe_hall_select(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]:
-    """What there is to say of the chip with the Hall sensors' axes and the trigger, and of OE."""
+    """Yield findings on the chip that selects the Hall sensors' axes and triggers the monostable, and on OE."""
     select, where = HallSelect(bus), f"TCA9534 (axes of the Hall sensors, trigger of the monostable) at {_SELECT:#04x}"
     if not select.present():
         yield f"missing: {where}: Hall sensors of one axis only, and no monostable: coils need --no-watchdog"
@@ -146,7 +146,7 @@ def _probe_hall_select(bus: I2cBus, clock: Callable[[], float]) -> Iterator[str]
 
 
 # --------------------------------------------------------------------------------------------------
-# An emulated device for everybody: the real firmware, its chips and a simulated electromagnet on a serial port.
+# Emulated device: the real firmware, its chips and a simulated electromagnet on a serial port.
 
 
 def emulate(
@@ -163,12 +163,12 @@ def emulate(
 ) -> None:
     """Emulate `device` behind the pseudo-terminal `port` for `duration` [s]; `ready` is called when it answers.
 
-    The simulated tool stands upright on the axis, its magnet `height` [m] above the centre (None: above the summit, as
-    the simulation begins): where a pointer is, the emulated device cannot know. With `led` a hand leads it over the
-    whole dome, as the calibration's step 'sensors' wants it. Field sensor number `dead`, from 1, has failed.
+    The simulated tool is held upright on the axis, its magnet `height` [m] above the centre (None: above the summit,
+    as at the start of the simulation); the emulated device has no pointer input. With `led`, a simulated hand moves it
+    over the whole dome, as the calibration step 'sensors' requires. Field sensor number `dead`, from 1, has failed.
 
-    Raises InputError for a height inside the dome or above 2 m, for a height of a tool that is led, and for a sensor
-    that is not there.
+    Raises InputError for a height inside the dome or above 2 m, for a height together with `led`, and for the number of
+    a sensor that does not exist.
     """
     known = electromagnet(device, "the emulated firmware")
     if height is not None and not known.contact_distance <= height <= 2.0:
@@ -204,26 +204,26 @@ def _rest_pose(height: float) -> Callable[[float], tuple[Array, Array]]:
 
 
 # --------------------------------------------------------------------------------------------------
-# One coil, gently: up a ramp, a moment there, down again; and what its current says about coil, sensor and wiring.
+# Test of one coil at low current: ramp up, hold, ramp down; check coil, current sensor and wiring.
 
 
-GENTLE_DUTY = 0.2  #: nothing above this is gentle [1]
+GENTLE_DUTY = 0.2  #: largest permitted duty [1]
 GENTLE_CURRENT = 5.3  #: continuous current of every coil: 17 W in 0.6 Ω [A]
 
-_RATE = 250.0  #: of the duties [Hz]: the firmware switches off after 15 ms of silence
-_RAMP = 0.4  #: of the time goes up, as much down
-_ENOUGH = 0.1  #: current from which a resistance can be measured [A]
-_FACTOR = 1.6  #: resistance may be off by this before something is wrong
+_WRITE_RATE_HZ = 250.0  #: write rate [Hz]: the firmware switches off after 15 ms of silence
+_RAMP_SHARE = 0.4  #: share of the duration for the ramp up, and the same for the ramp down
+_MIN_CURRENT_A = 0.1  #: smallest current for a resistance measurement [A]
+_MAX_RESISTANCE_RATIO = 1.6  #: permitted ratio of measured to nominal resistance, either way
 
 
 @dataclass(frozen=True)
 class Jog:
-    """What was seen at the top.
+    """Result of a coil test, measured at the top of the ramp.
 
-    duty        what was applied there [1]
-    currents    (m,) measured there [A]
-    resistance  supply times duty over current [Ω]; NaN if there was too little current to tell
-    verdict     sentences; empty if all is as the device file says
+    duty        applied duty [1]
+    currents    (m,) measured currents [A]
+    resistance  supply voltage times duty over current [Ω]; NaN if the current was too small
+    verdict     findings as sentences; empty if everything agrees with the device file
     """
 
     coil: str
@@ -243,10 +243,10 @@ def jog(
     clock: Callable[[], float] = monotonic,
     wait: Callable[[float], None] = sleep,
 ) -> Jog:
-    """Move `coil` of `device` to `duty` and back within `seconds` through `driver` (not open yet).
+    """Ramp `coil` of `device` to `duty` and back within `seconds` through `driver` (not open yet).
 
-    Raises InputError for what is not gentle, DriverError if the current exceeds `current_limit` [A] or the device
-    stops; the coils are off afterwards in any case.
+    Raises InputError for a duty, duration or current limit out of range, DriverError if the current exceeds
+    `current_limit` [A] or the device stops; the coils are off afterwards in any case.
     """
     names = device.coils.names
     if coil not in names:
@@ -275,13 +275,13 @@ def jog(
                     "shunt's value"
                 )
             share = passed / seconds
-            up = min(share / _RAMP, (1 - share) / _RAMP, 1.0)
+            up = min(share / _RAMP_SHARE, (1 - share) / _RAMP_SHARE, 1.0)
             duties[which] = duty * up
             applied = driver.write(duties)
-            if 0.5 <= share < 1 - _RAMP:
+            if 0.5 <= share < 1 - _RAMP_SHARE:
                 tops.append((float(applied[which]), currents.copy()))
             count += 1
-            wait(max(0.0, start + count / _RATE - clock()))
+            wait(max(0.0, start + count / _WRITE_RATE_HZ - clock()))
         driver.write(np.zeros(device.channels))
     if not tops:
         raise DriverError("the computer was too busy: no reading at the top of the ramp; try again")
@@ -299,7 +299,7 @@ def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> 
     strongest = int(np.argmax(np.abs(currents)))
     if duty == 0.0:
         verdict.append("the device applied no duty: it was not engaged")
-    elif np.abs(currents).max() < _ENOUGH:
+    elif np.abs(currents).max() < _MIN_CURRENT_A:
         verdict.append(f"no coil carries current: check the supply, the driver of coil {names[which]} and its wires")
     elif strongest != which:
         verdict.append(f"coil {names[strongest]} responded instead of {names[which]}: their wires are swapped")
@@ -308,7 +308,7 @@ def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> 
         if own * duty < 0:
             verdict.append(f"the current of coil {names[which]} is negative for a positive duty: swap its two wires")
         ratio = resistance / expected
-        if not 1 / _FACTOR < ratio < _FACTOR:
+        if not 1 / _MAX_RESISTANCE_RATIO < ratio < _MAX_RESISTANCE_RATIO:
             ten = 6 < max(ratio, 1 / ratio) < 16
             verdict.append(
                 f"coil {names[which]} measures {resistance:.3g} Ω, the device file has {expected:g} Ω: "
@@ -318,7 +318,7 @@ def _judge(device: Device, which: int, tops: list[tuple[float, np.ndarray]]) -> 
 
 
 # --------------------------------------------------------------------------------------------------
-# The readings of a real device, live, with its coils off.
+# Live readings of a real device with its coils off.
 
 
 _STATES = {
@@ -327,7 +327,7 @@ _STATES = {
     CoilState.UNKNOWN: "COIL STATE UNKNOWN: switch the supply off",
 }
 
-_MAX_READINGS = 24  #: readings at most for all field sensors; three axes in two blocks need six of them, with luck
+_MAX_READINGS = 24  #: readings at most to cover all field sensors; three axes in two blocks usually need six
 
 
 def monitor(
@@ -337,9 +337,9 @@ def monitor(
     clock: Callable[[], float] = monotonic,
     wait: Callable[[float], None] = sleep,
 ) -> Iterator[Sample]:
-    """Samples of `driver` (not open yet) at `rate` [Hz] for `duration` [s]; nothing is ever switched on.
+    """Yield samples of `driver` (not open yet) at `rate` [Hz] for `duration` [s]; the coils are never switched on.
 
-    A driver that reads its field sensors in turns is read as often as they need; each sample has the last of every one.
+    A driver that multiplexes its field sensors is read as often as needed; each sample has the last reading of each.
     """
     if not 0.0 < rate <= 200.0:
         raise InputError(f"rate must be above 0 and at most 200 Hz; got {rate} Hz")
@@ -364,7 +364,7 @@ def _read_whole(driver: Driver, now: float) -> Sample:
 
 
 def state_words(state: CoilState) -> str:
-    """Whether current can flow, for people.
+    """Describe whether current can flow.
 
     >>> state_words(CoilState.OFF), state_words(CoilState.UNKNOWN)
     ('off', 'COIL STATE UNKNOWN: switch the supply off')
@@ -373,7 +373,7 @@ def state_words(state: CoilState) -> str:
 
 
 def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
-    """The same as plain JSON types; what a sensor did not tell is null."""
+    """Return a sample as plain JSON types; null where a sensor gave no reading."""
 
     def to_json(values: Array) -> list[Any]:
         return [float(one) if np.isfinite(one) else None for one in values]
@@ -386,7 +386,7 @@ def numbers(sample: Sample, state: CoilState = CoilState.OFF) -> dict[str, Any]:
 
 
 def line(sample: Sample, state: CoilState = CoilState.OFF) -> str:
-    """One line for people: time, currents, temperatures, and the field's size at every sensor; and the coils' `state`,
+    """Format a sample as one line: time, currents, temperatures, field magnitude at every sensor; the coils' `state`,
     if they are not off.
 
     >>> from haptorb.runtime.drivers.base import invalid_pose

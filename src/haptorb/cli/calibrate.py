@@ -1,4 +1,4 @@
-"""`haptorb calibrate`: what this very device does per ampere and per watt, step by step, into a file that names it."""
+"""`haptorb calibrate`: measures current sensing, field per ampere, heat and field sensors of one individual device."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def calibrate(
             "device is ready for all of them (--steps selects some)"
         )
     if not through.simulated:
-        prepare_thread()  # a firmware switches off after 15 ms of silence, however busy this computer is
+        prepare_thread()  # the firmware switches off after 15 ms of silence, even if this computer is busy
     result = guide_calibration(
         found, through, path, steps=chosen, heat=heat, loads=weighed, pace=pace, restart=restart, overwrite=force,
         guide=Dialog(say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),

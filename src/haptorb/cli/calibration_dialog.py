@@ -1,6 +1,6 @@
 """`haptorb calibrate`, step by step: ask, measure, store; stop when a step fails, and resume where it ended.
 
-The driver is opened separately for every step, so that nothing is engaged while a person reads a prompt.
+The driver is opened separately for every step, so that the coils are off while a person reads a prompt.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from haptorb.runtime.drivers.base import Driver
 __all__ = ["Dialog", "check_steps", "guide_calibration"]
 
 
-NEEDED = ("rest", "currents", "magnetic")  #: without these there is no file
+NEEDED = ("rest", "currents", "magnetic")  #: steps without which no calibration file is written
 
 Bar = Callable[[Step, float], AbstractContextManager[Callable[[float], None]]]
 
 
 def _say_nothing(text: str) -> None:
-    """Says nothing."""
+    """Discard a message."""
 
 
 def _is_ready(step: Step) -> bool:
-    """Always ready."""
+    """Confirm a step without a prompt."""
     return True
 
 
 def _no_bar(step: Step, seconds: float) -> AbstractContextManager[Callable[[float], None]]:
-    """No bar."""
+    """Return a progress callback that does nothing."""
     return nullcontext(lambda passed: None)
 
 
@@ -53,9 +53,9 @@ def _no_bar(step: Step, seconds: float) -> AbstractContextManager[Callable[[floa
 class Dialog:
     """User interface of a calibration: messages, prompts and progress bars.
 
-    say   a line
-    ask   before a step; True: continue, False: not now, the steps so far are kept
-    bar   a context for a step of so many seconds, which returns a function to call as time passes
+    say   prints one line
+    ask   asks before a step; True: continue, False: stop here and keep the completed steps
+    bar   context manager of a progress bar for a step of that many seconds; it returns a function of the elapsed time
     """
 
     say: Callable[[str], None] = _say_nothing
@@ -64,7 +64,7 @@ class Dialog:
 
 
 def check_steps(names: Sequence[str] | None, skip: Sequence[str] = ()) -> tuple[Step, ...]:
-    """The steps `names` in the order in which they are taken; all but `skip` for None. UnknownName for others."""
+    """Return the steps `names` in their order of execution; None: all but `skip`. Raises UnknownName for others."""
     known = {step.name: step for step in STEPS}
     for name in names or ():
         if name not in known:
@@ -86,12 +86,12 @@ def guide_calibration(
     overwrite: bool = False,
     effort: CalibrationEffort = EFFORT,
 ) -> Calibration | None:
-    """Take `steps` that were not taken yet, and write `out`; None if the person stopped, or if steps are still missing.
+    """Take the remaining `steps` and write `out`; return None if the person stopped or steps are still missing.
 
-    loads: readings of a load cell, which tell moments and the magnet's strength beside the field sensors.
+    loads: readings of a load cell, which determine moments and the magnet's strength together with the field sensors.
 
-    Raises CalibrationError at the first step that fails: what was measured before it is kept beside `out`, and the same
-    call resumes there. The id of what was written is stored in the device, if it can keep one.
+    Raises CalibrationError at the first step that fails: completed steps are kept beside `out`, and the same call
+    resumes there. The calibration's id is stored in the device, if it has memory for it.
     """
     pace, guide = pace or Pace(), guide or Dialog()
     progress = ProgressFile(out, device, driver.name)

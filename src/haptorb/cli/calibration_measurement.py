@@ -33,39 +33,39 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The guided measurement: rest, every coil by itself, then the schedule; each step must be right before the next.
+# Automatic measurement: rest, each coil by itself, then the schedule; each step must pass before the next begins.
 #
-# It needs a driver and nothing else, so that the simulated device is calibrated by the same lines as a real one.
+# It needs only a driver, so that simulated and real devices are calibrated by the same code.
 
 
-RATE = 500.0  #: of readings [Hz]: a firmware's watchdog waits 15 ms
-_REST_S = 0.4  #: how long the device is read at rest
-_SETTLE_S, _HOLD_S = 0.012, 0.03  #: of each current: not looked at, and in all, at least
+RATE = 500.0  #: readings per second [Hz]: a firmware's watchdog waits 15 ms
+_REST_S = 0.4  #: duration of the readings at rest
+_SETTLE_S, _HOLD_S = 0.012, 0.03  #: for each current: settling time that is discarded, and least total time
 _MIN_READINGS = 3  #: readings of every field sensor at each current
-_FIRST_CURRENT_A = 1.0  #: with which each coil is tried first
-_NO_CURRENT_SHARE = 0.03  #: of it is no current; a tenth is a wrong shunt
-_MAX_REST_FIELD_T = 0.15e-3  #: field at rest above which a magnet must be near; the earth has 0.05 mT
-_OFFSET_SIGMAS = 4.0  #: standard deviations of the sensors' offsets that may come on top
-_MAX_REST_CURRENT_A = 0.1  #: current read at rest above which a current sensor lies
-_MAX_RESISTANCE_RATIO = 1.6  #: resistance may be off the file's by this
-_MAX_CROSSTALK = 0.15  #: share of a coil's current that another's sensor may read
+_FIRST_CURRENT_A = 1.0  #: first test current of each coil
+_NO_CURRENT_SHARE = 0.03  #: below this share of it the coil carries no current; a tenth means a wrong shunt
+_MAX_REST_FIELD_T = 0.15e-3  #: field at rest above which a magnet must be near; the earth's field is 0.05 mT
+_OFFSET_SIGMAS = 4.0  #: permitted sensor offsets in addition, in standard deviations
+_MAX_REST_CURRENT_A = 0.1  #: current read at rest above which the current sensor is faulty
+_MAX_RESISTANCE_RATIO = 1.6  #: permitted ratio of measured to nominal resistance, either way
+_MAX_CROSSTALK = 0.15  #: permitted share of a coil's current in another coil's reading
 _MAX_NOISE_SHARE, _MEASURE_SHARE = (
     2.5,
     0.01,
-)  #: the regression may leave so many times the sensors' noise, and this share of the field
-_MAX_REPEAT_ERROR = 0.02  #: odd and even readings may differ by this
+)  #: permitted residual of the regression: so many times the sensor noise, and this share of the field
+_MAX_REPEAT_ERROR = 0.02  #: permitted difference between odd and even readings
 
 
 @dataclass(frozen=True)
 class Pace:
-    """The clock and the waiting; a simulation's time passes as fast as it is computed."""
+    """Clock and wait function; simulated time passes as fast as it is computed."""
 
     clock: Callable[[], float] = monotonic
     wait: Callable[[float], None] = sleep
 
     @classmethod
     def for_simulation(cls) -> Pace:
-        """Time that passes by waiting."""
+        """Return a pace whose clock advances only by waiting."""
         now = [0.0]
 
         def wait(seconds: float) -> None:
@@ -84,7 +84,7 @@ def calibrate(
 ) -> Calibration:
     """Measure `device` through `driver` (not open yet); coils are off afterwards in any case.
 
-    Raises CalibrationError naming the part that is not as it must be; then the later steps are not taken.
+    Raises CalibrationError that names the faulty part; later steps are not taken.
     """
     pace = pace or Pace()
     with driver:
@@ -108,7 +108,7 @@ def compose_calibration(
     heat: MeasuredHeat | None,
     simulated: bool,
 ) -> Calibration:
-    """The calibration that the steps' results make: `ambient` (m,) [K], `resistance` (m,) [Ω] at that temperature."""
+    """Compose a calibration from the steps' results: `ambient` (m,) [K], `resistance` (m,) [Ω] at that temperature."""
     coils = device.coils
     cold = resistance / (1 + coils.temperature_coefficient * (ambient - coils.reference_temperature))
     return Calibration(
@@ -120,7 +120,7 @@ def compose_calibration(
 
 
 class DriverSession:
-    """One open driver, read and written at a steady rate; `advance` receives every reading's time [s]."""
+    """One open driver, read and written at a constant rate; `advance` receives the time of each reading [s]."""
 
     def __init__(
         self,
@@ -136,13 +136,13 @@ class DriverSession:
 
     @property
     def simulated(self) -> bool:
-        """The device is a simulation."""
+        """Whether the device is simulated."""
         return self._driver.simulated
 
     def hold(
         self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
     ) -> tuple[list[Sample], Array]:
-        """Samples while `duties` are applied, from `settle` on, and (m,) what was really applied."""
+        """Apply `duties` for `seconds`; return the samples after `settle` [s] and the applied duties (m,)."""
         samples, applied = [], self._off
         ticks = max(2, round(seconds * rate))
         for tick in range(ticks):
@@ -164,16 +164,16 @@ class DriverSession:
         return samples, applied
 
     def now(self) -> float:
-        """On the session's clock [s]."""
+        """Return the session's time [s]."""
         return self._pace.clock() - self._start
 
     def reengage(self) -> None:
-        """After a trip: the next duties may engage the coils, and readings are due from here on."""
+        """Re-enable the coils after a trip: the next duties may engage them, and the watchdog period starts here."""
         self._driver.engage()
         self._due = self._pace.clock()
 
     def measure_at_rest(self) -> Array:
-        """(m,) the coils' temperatures [K]; nothing flows and no magnet is near, or CalibrationError."""
+        """Return the coils' temperatures (m,) [K]; CalibrationError if a current flows or a magnet is near."""
         samples, _ = self.hold(self._off, _REST_S)
         device = self._device
         currents = np.mean([sample.currents for sample in samples], axis=0)
@@ -192,7 +192,7 @@ class DriverSession:
         return np.asarray(np.mean([sample.temperatures for sample in samples], axis=0))
 
     def coils_conduct(self) -> Array:
-        """(m,) resistance [Ω] of each coil, found with about an ampere either way."""
+        """Return each coil's resistance (m,) [Ω], measured with about 1 A in both directions."""
         device = self._device
         names, voltage = device.coils.names, device.supply.voltage
         resistance = np.empty(device.channels)
@@ -240,7 +240,7 @@ class DriverSession:
         return resistance
 
     def magnetic(self, resistance: Array, schedule: Array | None = None) -> MagneticCalibration:
-        """The regression over `schedule` (n, m) [A]; CalibrationError where its result cannot be a device's."""
+        """Run the regression over `schedule` (n, m) [A]; CalibrationError if its result is implausible."""
         device = self._device
         wanted, currents, fields = self.excite(resistance, schedule)
         found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
@@ -261,7 +261,7 @@ class DriverSession:
         return found
 
     def excite(self, resistance: Array, schedule: Array | None = None) -> tuple[Array, Array, Array]:
-        """(n, m) wanted and measured currents [A] and (n, k, 3) fields [T] over the schedule."""
+        """Drive the schedule; return commanded and measured currents (n, m) [A] and fields (n, k, 3) [T]."""
         wanted = excitation(self._device) if schedule is None else schedule
         hold = self._hold()
         currents, fields = np.empty_like(wanted), np.empty((len(wanted), self._device.sensors, 3))
@@ -274,7 +274,7 @@ class DriverSession:
         return wanted, currents, fields
 
     def _hold(self) -> float:
-        """How long each current is held [s]: until every field sensor has been read a few times."""
+        """Return the hold time of each current [s]: enough to read every field sensor a few times."""
         if self._turns == 0.0:
             samples, _ = self.hold(self._off, 0.06, _SETTLE_S)
             mean_field(samples)
@@ -283,7 +283,7 @@ class DriverSession:
 
 
 def mean_field(samples: Sequence[Sample]) -> Array:
-    """(k, 3) [T] each sensor's mean over `samples`; some drivers read a part of them in each.
+    """Return each sensor's mean field over `samples` (k, 3) [T]; a sample may hold a part of the sensors only.
 
     Raises CalibrationError for a sensor that was never read.
     """
@@ -297,19 +297,19 @@ def mean_field(samples: Sequence[Sample]) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# From `--driver` to what calibration needs: a driver without a tool near the device, and a clock.
+# From the name of a driver to a session: a driver with the tool away from the device, and a clock.
 
 
-Hand = Literal["away", "summit", "led"]  #: where a hand has the tool
+Hand = Literal["away", "summit", "led"]  #: tool position of the simulated hand
 
-_SIMULATION_STEP_S = 2e-3  #: of the simulated device
-_PHYSICS_STEP_S = 1e-3  #: of its physics: nothing moves, and currents and heat are exact in steps of any length
-_RESPONSE_TIMEOUT_S = 0.05  #: of the device: six minutes of heating should not end with one late answer [s]
+_SIMULATION_STEP_S = 2e-3  #: step of the simulated device
+_PHYSICS_STEP_S = 1e-3  #: step of its physics: nothing moves, and currents and heat are exact in steps of any length
+_RESPONSE_TIMEOUT_S = 0.05  #: response timeout of the device: one late answer must not end six minutes of heating
 
 
 @dataclass(frozen=True)
 class _ClampedHand:
-    """A hand that holds the tool still, upright."""
+    """A hand that holds the tool at rest, upright."""
 
     p: Array
     q: Array
@@ -321,7 +321,7 @@ class _ClampedHand:
 def make_driver(
     name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: bool = True
 ) -> tuple[Driver, Pace]:
-    """The driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is no such."""
+    """Return the driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is none."""
     if is_real(name):
         return real_driver(name, device, patience=_RESPONSE_TIMEOUT_S, watchdog=watchdog), Pace()
     from haptorb.runtime.drivers.registry import check_driver
@@ -335,7 +335,7 @@ def make_driver(
 
 
 def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> None:
-    """Let a simulated hand hold the tool on the summit, half a metre above it, or lead it over the dome; with a real
+    """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; on a real
     device a person does."""
     from haptorb.runtime.drivers.sim import SimDriver
     from haptorb.simulation.hand import lead_tool

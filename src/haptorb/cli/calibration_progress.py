@@ -1,4 +1,4 @@
-"""Progress of a guided calibration, in a file beside the calibration that it will become."""
+"""Progress file of a guided calibration, beside the calibration file."""
 
 from __future__ import annotations
 
@@ -18,15 +18,11 @@ from haptorb.json_file import numbers
 __all__ = ["ProgressFile"]
 
 
-# --------------------------------------------------------------------------------------------------
-# What a guided calibration has measured so far: kept beside the file that it will become, whole or not at all.
-
-
 FORMAT = "haptorb-calibration-steps-1"
 _MAX_FILE_BYTES = 4 * 1024 * 1024
-_STALE_AFTER_S = 24 * 3600.0  #: a device may have been rewired since
-_COILS, _SENSORS = -1, -2  #: lengths that the device has
-#: step → what its result must have, and of which shape (None: any length)
+_STALE_AFTER_S = 24 * 3600.0  #: older progress is discarded: the device may have been rewired
+_COILS, _SENSORS = -1, -2  #: placeholders of the device's numbers of coils and sensors in the shapes below
+#: step → keys of its result and their shapes (None: any length)
 _SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
     "rest": {"temperatures_k": (_COILS,)},
     "currents": {"resistance_ohm": (_COILS,)},
@@ -59,7 +55,7 @@ _SHAPES: dict[str, dict[str, tuple[int | None, ...]]] = {
         **dict.fromkeys(("uncertainty_t", "place_m", "axis_rad", "strength", "residual"), ()),
     },
 }
-#: what a result may have, of coupled coils: all of it or nothing
+#: keys of a result for coupled coils: all of them or none
 _OPTIONAL: dict[str, dict[str, tuple[int | None, ...]]] = {
     "heat": {"core_capacity": (), "winding_to_core": (_COILS,)},
     "magnetic": {"centres_m": (_COILS, 3), "centre_uncertainty_m": (_COILS, 3)},
@@ -68,9 +64,9 @@ _OPTIONAL: dict[str, dict[str, tuple[int | None, ...]]] = {
 
 @final
 class ProgressFile:
-    """Results by step, in a file that is replaced after every one of them.
+    """Results by step, in a file that is replaced atomically after each step.
 
-    `left` says what was found and not taken up, in one sentence; empty if all was.
+    `left` describes a progress file that was found but not used, in one sentence; otherwise empty.
     """
 
     def __init__(
@@ -100,7 +96,7 @@ class ProgressFile:
         return ""
 
     def keep(self, name: str, result: dict[str, Any]) -> None:
-        """Add the result of a step; CalibrationError if it cannot be written."""
+        """Store the result of a step; CalibrationError if it cannot be written."""
         self.results[name] = result
         content = {**self._head, "written": self._clock(), "steps": self.results}
         try:
@@ -110,13 +106,13 @@ class ProgressFile:
             raise CalibrationError(f"cannot write {self.path}: {cause.strerror}") from cause
 
     def forget(self) -> None:
-        """Start again, or finish."""
+        """Delete the progress, to start again or after completion."""
         self.results = {}
         self.path.unlink(missing_ok=True)
 
 
 def _check_steps(steps: Any, lengths: Mapping[int | None, int | None]) -> dict[str, dict[str, Any]]:
-    """`steps` if every known one has what those after it use, and its line on the screen; ValueError otherwise."""
+    """Return `steps` if each has the keys that later steps and its report use; ValueError otherwise."""
     for name, result in dict(steps).items():
         if name not in _SHAPES or not isinstance(result, dict):
             raise ValueError(f"{name} is not a step")

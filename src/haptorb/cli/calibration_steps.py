@@ -1,4 +1,4 @@
-"""Steps of a guided calibration: what each asks of the person, measures and stores."""
+"""Steps of a guided calibration: the prompt, measurement and stored result of each."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A step of a guided calibration, as the dialog takes it: what it asks of the person, measures, and leaves.
+# Interface of a calibration step: prompt, duration, measurement, report.
 
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -54,12 +54,12 @@ Results = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class CalibrationEffort:
-    """How much is measured: what a test does in seconds takes a real device minutes.
+    """Extent of the measurements; tests use a reduced one that takes seconds instead of minutes.
 
-    levels, repeats  of the currents in the magnetic step
-    drives           of every coil in the step `fields`
-    course           of the heat step
-    led              for so long the tool is led over the dome [s]
+    levels, repeats  current levels and repetitions in the step `magnetic`
+    drives           excitations of each coil in the step `fields`
+    course           schedule of the step `heat`
+    led              duration for which the tool is moved over the dome [s]
     """
 
     levels: int = 5
@@ -74,11 +74,11 @@ EFFORT = CalibrationEffort()
 
 @dataclass(frozen=True)
 class StepContext:
-    """One device with its driver open: what a step may use.
+    """One device with its driver open: the resources of a step.
 
     axes      (k, 3) directions of one-axis field sensors; None: three axes each
-    schedule  (n, m) [A] of the magnetic step
-    effort    of the other steps
+    schedule  (n, m) currents of the magnetic step [A]
+    effort    extent of the other steps
     """
 
     device: SphericalElectromagnet
@@ -89,53 +89,53 @@ class StepContext:
 
 
 class Step(ABC):
-    """One measurement; `needs` are the steps before it."""
+    """One measurement; `needs` names the steps that must precede it."""
 
     name: str
     title: str
-    asks: str  #: of the person, before it begins
+    asks: str  #: instruction to the person before it begins
     needs: tuple[str, ...] = ()
-    hand: Hand = "away"  #: where the tool is: away, at the summit, or led over the dome
+    hand: Hand = "away"  #: tool position: away, at the summit, or moved over the dome
 
     @abstractmethod
     def seconds(self, bench: StepContext) -> float:
-        """How long it takes, for a bar."""
+        """Return the expected duration [s], for the progress bar."""
 
     @abstractmethod
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """Do it; CalibrationError names what is not as it must be."""
+        """Take the measurement; CalibrationError names the faulty part."""
 
     @abstractmethod
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """The result in one line."""
+        """Describe the result in one line."""
 
 
 # --------------------------------------------------------------------------------------------------
-# The two steps of a calibration that find offset, gain and place of every field sensor: coils in turn, a tool led.
+# Steps that determine offset, gain and position of every field sensor: coils driven in turn, a guided tool.
 
 
-_CURRENT_SHARE = 0.75  #: of each coil's limit
+_CURRENT_SHARE = 0.75  #: share of each coil's current limit
 _SETTLE_S, _HOLD_S = (
     0.035,
     0.085,
-)  #: of each current: not looked at, six times the core's lag; and in all [s]
-_PAUSE_S = 0.05  #: without current between two of them
-_AVERAGED_SAMPLES = 10  #: samples that are averaged: 20 ms, in which a led tool moves by a millimetre
+)  #: for each current: discarded settling time, six times the core's lag, and total time [s]
+_PAUSE_S = 0.05  #: pause without current between two of them
+_AVERAGED_SAMPLES = 10  #: samples per average: 20 ms, in which the tool moves by a millimetre
 
 
 @final
 class FieldsStep(Step):
-    """What every sensor reads per ampere in each coil, and at rest."""
+    """Field at every sensor per ampere in each coil, and at rest."""
 
     name, title, needs = "fields", "the coils' field at every sensor", ("rest", "currents", "magnetic")
     asks = "Each coil in turn carries up to 15 amperes in both directions, for a tenth of a second. Keep the tool away."
 
     def seconds(self, bench: StepContext) -> float:
-        """Both directions and a pause, for each coil."""
+        """Return the duration of both directions and a pause for each coil [s]."""
         return bench.effort.drives * bench.device.channels * (2 * _HOLD_S + _PAUSE_S) + 0.4
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """A regression for each reading by itself: no model of the field is needed."""
+        """Fit each sensor axis separately by linear regression: no field model is needed."""
         if bench.axes is not None:
             raise CalibrationError(
                 "the sensors measure one axis each; offset, gain and position can be determined for three-axis "
@@ -164,7 +164,7 @@ class FieldsStep(Step):
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """How sure the readings per ampere are, and who does not answer."""
+        """Describe the uncertainty of the readings per ampere, and the failed sensors."""
         full = float(np.array(result["deviation_t"]) @ device.coils.current_limit)
         failed = "".join(f"; field sensor {n + 1} does not respond: left out" for n in result["failed"])
         return f"known to {1e6 * full:.1f} µT at full current in all coils{failed}"
@@ -172,7 +172,7 @@ class FieldsStep(Step):
 
 @final
 class SensorsStep(Step):
-    """Offset, gain and place of every sensor, by a tool that a person leads over the dome."""
+    """Offset, gain and position of every sensor, from a tool that a person moves over the dome."""
 
     name, title, hand = "sensors", "offset, gain and place of the field sensors", "led"
     needs = ("rest", "magnetic", "fields")
@@ -182,13 +182,13 @@ class SensorsStep(Step):
     )
 
     def seconds(self, bench: StepContext) -> float:
-        """As long as the tool is led."""
+        """Return the duration of the tool's motion [s]."""
         return bench.effort.led
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """The bundle adjustment."""
+        """Run the bundle adjustment over tool poses and sensor parameters."""
         device, known = bench.device, before["fields"]
-        if "centres_m" in before["magnetic"]:  # or sensors would be looked for where a coil seems to be
+        if "centres_m" in before["magnetic"]:  # otherwise misplaced coils would be attributed to the sensors
             device = replace(device, coil_centres=np.array(before["magnetic"]["centres_m"]))
         used = ~np.isin(np.arange(device.sensors), known["failed"])
         coils = CoilReadings(
@@ -199,7 +199,7 @@ class SensorsStep(Step):
         return calibrate_sensors(device, coils, follow_led_tool(device, samples, coils)).numbers()
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """What is left, who has failed, and what could not be observed."""
+        """Describe remaining errors, failed sensors, and parameters that could not be observed."""
         failed = "".join(f"; field sensor {n + 1} has failed and is left out" for n, used in enumerate(result["used"])
                          if not used)  # fmt: skip
         unobserved = "".join(f"; not observed: {line}" for line in result["unobserved"])
@@ -213,16 +213,14 @@ class SensorsStep(Step):
 def _drive_in_turn(
     device: SphericalElectromagnet, session: DriverSession, resistance: Array, drives: int
 ) -> tuple[Array, Array, Array, float]:
-    """(n, m) wanted and measured currents [A], (n, k, 3) fields [T], and how many readings are in each.
+    """Drive the coils in turn; return currents commanded and measured (n, m) [A], fields (n, k, 3) [T], readings each.
 
-    Ends at the first reading in which a coil does not switch: 15 A are not for many seconds.
+    Raises at the first reading in which a coil does not switch: 15 A must not last for seconds.
     """
     wanted, currents, fields, count = [], [], [], 0.0
     off = np.zeros(device.channels)
     for number in range(drives):
-        way = (
-            -_CURRENT_SHARE if number % 2 else _CURRENT_SHARE
-        )  # so that what stays in the core changes its sign, and cancels
+        way = -_CURRENT_SHARE if number % 2 else _CURRENT_SHARE  # so that the core's remanence changes sign and cancels
         for coil, limit in enumerate(device.driven_current):
             for share in (way, -way, 0.0):
                 want = off.copy()
@@ -239,7 +237,7 @@ def _drive_in_turn(
 
 
 def follow_led_tool(device: SphericalElectromagnet, samples: Sequence[Sample], coils: CoilReadings) -> ToolTour:
-    """Readings along the way, averaged over 20 ms, where a tracker that knows offsets only finds the tool."""
+    """Average the readings over 20 ms windows; keep those where a tracker with known offsets locates the tool."""
     fields, times, counts = [], [], []
     for first in range(0, len(samples) - _AVERAGED_SAMPLES + 1, _AVERAGED_SAMPLES):
         part = samples[first : first + _AVERAGED_SAMPLES]
@@ -273,49 +271,49 @@ def follow_led_tool(device: SphericalElectromagnet, samples: Sequence[Sample], c
 
 
 # --------------------------------------------------------------------------------------------------
-# The steps of a guided calibration: what each asks of the person, measures, and leaves for those after it.
+# The steps of a guided calibration.
 #
-# A result is plain JSON, so that it can be kept between two sittings. A step that fails raises CalibrationError naming
-# the part, and leaves nothing.
+# A result is plain JSON, so that it can be stored between two sessions. A step that fails raises CalibrationError
+# that names the part, and stores nothing.
 
 
 @final
 class RestStep(Step):
-    """Nothing flows, nothing is near."""
+    """Readings with the coils off and the tool away."""
 
     name, title = "rest", "at rest"
     asks = "Move the tool and other magnets at least 30 cm away, and switch on the coils' supply."
 
     def seconds(self, bench: StepContext) -> float:
-        """As long as readings are averaged."""
+        """Return the averaging time [s]."""
         return 0.4
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """Temperatures of the cold device."""
+        """Measure the temperatures of the cold device."""
         return {"temperatures_k": bench.session.measure_at_rest().tolist()}
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """In degrees."""
+        """List the temperatures [°C]."""
         return "no current, no magnet; coils at " + ", ".join(f"{t - 273.15:.1f} °C" for t in result["temperatures_k"])
 
 
 @final
 class CurrentsStep(Step):
-    """Every coil by itself, gently: polarity, current sensing, resistance."""
+    """Each coil by itself at low current: polarity, current sensing, resistance."""
 
     name, title, needs = "currents", "polarity and current sensing", ("rest",)
     asks = "Each coil carries one ampere in both directions."
 
     def seconds(self, bench: StepContext) -> float:
-        """Two signs a coil."""
+        """Return the duration of both polarities of each coil [s]."""
         return 0.24 * bench.device.channels
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """Resistances."""
+        """Measure the resistance of each coil [Ω]."""
         return {"resistance_ohm": bench.session.coils_conduct().tolist()}
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """In ohms."""
+        """List the resistances [Ω]."""
         pairs = zip(device.coils.names, result["resistance_ohm"], strict=True)
         return ", ".join(f"{name} {r:.4f} Ω" for name, r in pairs)
 
@@ -328,11 +326,11 @@ class MagneticStep(Step):
     asks = "Each coil carries up to five amperes in both directions, in steps. Keep the tool away."
 
     def seconds(self, bench: StepContext) -> float:
-        """30 ms a row."""
+        """Return the duration of the schedule: 30 ms for each row [s]."""
         return 0.03 * len(bench.schedule) + 0.01
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """The regression, every number of it."""
+        """Run the regression and return all its results."""
         found = bench.session.magnetic(np.array(before["currents"]["resistance_ohm"]), bench.schedule)
         where: dict[str, Any] = {}
         if found.centres is not None and found.centre_uncertainty is not None:
@@ -349,7 +347,7 @@ class MagneticStep(Step):
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """How well it fits, and the coils' skew."""
+        """Describe the residual and the angles between the coils."""
         skew = _magnetic(result).skew(device.coils.names)
         angles = ", ".join(f"{a} and {b} {90 + np.degrees(angle):.2f}° apart" for (a, b), angle in skew.items())
         failed = "".join(f"; field sensor {n + 1} does not follow the coils: left out" for n in result["failed"])
@@ -366,7 +364,7 @@ class MagneticStep(Step):
 
 @final
 class HeatStep(Step):
-    """Windings, bodies and what couples them, from coils warmed one after the other and cooled."""
+    """Heat capacities and conductances of windings and boundaries, from heating coils in turn and cooling them."""
 
     name, title, needs = "heat", "heat", ("rest", "currents")
     asks = (
@@ -375,11 +373,11 @@ class HeatStep(Step):
     )
 
     def seconds(self, bench: StepContext) -> float:
-        """Both halves."""
+        """Return the duration of heating and cooling [s]."""
         return bench.effort.course.seconds(bench.device) + 0.22
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """Capacities and conductances, and how sure they are."""
+        """Identify capacities and conductances with their uncertainties."""
         resistance = np.array(before["currents"]["resistance_ohm"])
         did = identify_heat(bench.session, bench.device, resistance, bench.effort.course)
         found, model = did.found, did.found.model
@@ -401,7 +399,7 @@ class HeatStep(Step):
         }
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """The continuous power, in one coil and in all coils together."""
+        """Describe the continuous power with one coil and with all coils warm [W]."""
         heat = _read_heat(result).apply(device)
         rise_per_watt = heat.network(device.channels).rise_per_watt
         rise = heat.derate - heat.ambient
@@ -414,17 +412,17 @@ class HeatStep(Step):
 
 @final
 class ToolStep(Step):
-    """The tool's magnet at the summit: which way round it is. Coils stay off."""
+    """Polarity of the tool's magnet, held on the summit with the coils off."""
 
     name, title, needs, hand = "tool", "the tool's magnet", ("rest", "magnetic"), "summit"
     asks = "Hold the tool upright on the summit of the dome. The coils stay off."
 
     def seconds(self, bench: StepContext) -> float:
-        """As long as readings are averaged."""
+        """Return the averaging time [s]."""
         return 0.6
 
     def measure(self, bench: StepContext, before: Results) -> dict[str, Any]:
-        """The field's likeness to that of the device file's tool (1: the same, −1: the other way round), and size."""
+        """Compare the field with that of the device file's tool: cosine (−1: magnet reversed), ratio of magnitudes."""
         samples, _ = bench.session.hold(np.zeros(bench.device.channels), 0.6, 0.2)
         field = mean_field(samples) - np.array(before["magnetic"]["offsets_t"])
         likeness, strength = _likeness(bench.device, field, bench.axes)
@@ -441,11 +439,11 @@ class ToolStep(Step):
         return {"likeness": likeness, "strength": strength}
 
     def describe(self, device: SphericalElectromagnet, result: Mapping[str, Any]) -> str:
-        """The magnet as seen."""
+        """Describe polarity and strength of the magnet."""
         return f"polarity correct, {100 * result['strength']:.0f} % of the device file's strength"
 
 
-#: in the order in which they are taken
+#: in order of execution
 STEPS: tuple[Step, ...] = (
     RestStep(),
     CurrentsStep(),
@@ -460,7 +458,7 @@ STEPS: tuple[Step, ...] = (
 def calibration_of(
     device: SphericalElectromagnet, results: Results, simulated: bool, heat: MeasuredHeat | None = None
 ) -> Calibration:
-    """The file's content; `heat` from elsewhere stands where the step was not taken."""
+    """Compose the calibration; `heat` from another source is used if the step `heat` was not taken."""
     if "heat" in results:
         heat = _read_heat(results["heat"])
     ambient, resistance = results["rest"]["temperatures_k"], results["currents"]["resistance_ohm"]
@@ -474,7 +472,7 @@ def calibration_of(
 
 
 def schedule_of(device: SphericalElectromagnet, levels: int, repeats: int) -> Array:
-    """(n, m) [A] the magnetic step's currents."""
+    """Return the currents of the magnetic step (n, m) [A]."""
     return excitation(device, levels=levels, repeats=repeats)
 
 
@@ -497,7 +495,7 @@ def _magnetic(result: Mapping[str, Any]) -> MagneticCalibration:
 
 
 def _likeness(device: SphericalElectromagnet, field: Array, axes: Array | None) -> tuple[float, float]:
-    """Cosine between `field` (k, 3) [T] and that of the tool near the summit, where it fits best; ratio of sizes."""
+    """Return cosine and magnitude ratio of `field` (k, 3) [T] and the tool's field at the best fit near the summit."""
     model = ToolModel.of(device)
     B, J = np.empty((device.sensors, 3)), np.empty((device.sensors, 3, 5))
     best, strength = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Capability card of a device: what the cards of all kinds have in common."""
+"""Base of the capability cards of all kinds of devices."""
 
 from __future__ import annotations
 
@@ -24,13 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["Card", "Curve", "Quantity", "common_curves", "common_quantities", "facts", "print_card"]
 
 
-# --------------------------------------------------------------------------------------------------
-# What cards have in common, so that devices stand side by side: quantities by name, and curves by panel.
-
-
 @dataclass(frozen=True)
 class Quantity:
-    """One line of a comparison: what it is, in which unit, and its value for one device."""
+    """One quantity of a device: name, unit, value."""
 
     name: str
     unit: str
@@ -38,7 +34,7 @@ class Quantity:
 
     @property
     def text(self) -> str:
-        """The value with three digits.
+        """Format the value with three digits.
 
         >>> Quantity("peak", "mN", 958.71).text, Quantity("endurance", "s", float("inf")).text
         ('959', 'unlimited')
@@ -47,7 +43,7 @@ class Quantity:
 
     @property
     def head(self) -> str:
-        """Name and unit.
+        """Format name and unit.
 
         >>> Quantity("peak", "mN", 958.71).head
         'peak [mN]'
@@ -57,9 +53,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Curve:
-    """A line in the panel of that title; devices that have a curve of the same panel and label are drawn over another.
+    """A curve in the panel `panel`; curves of several devices with the same panel and label share axes.
 
-    style   dashes as matplotlib writes them: they tell the label, as colours tell the device
+    style   matplotlib's line style: it distinguishes labels, as colours distinguish devices
     """
 
     panel: str
@@ -72,7 +68,7 @@ class Curve:
 
 
 def common_quantities(device: Device) -> list[Quantity]:
-    """What every device has."""
+    """Return the quantities that every device has."""
     coils, limits = device.coils, device.limits
     loads = endurance(device, (1.0, 0.5))
     return [
@@ -94,7 +90,7 @@ def common_quantities(device: Device) -> list[Quantity]:
 
 
 def common_curves(device: Device) -> list[Curve]:
-    """Endurance over current: every device has it."""
+    """Return endurance over current, the curve that every device has."""
     shares = [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.25, 0.2]
     loads = [(100 * share, seconds) for share, seconds in endurance(device, tuple(shares)) if math.isfinite(seconds)]
     share, seconds = zip(*loads, strict=True) if loads else ((), ())
@@ -105,7 +101,7 @@ def common_curves(device: Device) -> list[Curve]:
 
 
 class Card(NotebookReport, ABC):
-    """What every card answers."""
+    """Base class of the capability cards."""
 
     _device: Device
 
@@ -116,30 +112,30 @@ class Card(NotebookReport, ABC):
 
     @abstractmethod
     def quantities(self) -> list[Quantity]:
-        """The figures of the card that stand beside those of other devices, in order."""
+        """Return the card's quantities for a comparison with other devices, in order."""
 
     @abstractmethod
     def curves(self) -> list[Curve]:
-        """The lines that are drawn over those of other devices."""
+        """Return the card's curves for a comparison with other devices."""
 
     @abstractmethod
     def numbers(self) -> dict[str, Any]:
-        """Everything on the card as plain JSON types, SI units in the keys."""
+        """Return everything on the card as plain JSON types, SI units in the keys."""
 
     @abstractmethod
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the card on `console`."""
 
     def _summarize(self) -> str:
         return f"<{type(self).__name__} of {self._device.name}: {self._device.title}>"
 
     @abstractmethod
     def draw(self) -> Figure:
-        """The card as a picture."""
+        """Return the card as a figure."""
 
 
 def facts(device: Device) -> dict[str, Any]:
-    """What all devices have, as plain JSON types."""
+    """Return the data that every device has, as plain JSON types."""
     coils, told = device.coils, None if device.text is None else device.text.inheritance
     return {
         "name": device.name,
@@ -183,7 +179,7 @@ def facts(device: Device) -> dict[str, Any]:
 
 
 def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]) -> None:
-    """Print the head of the card: title, limits, and `more` facts (name, text)."""
+    """Print the top of the card: title, limits, and `more` facts (name, text)."""
     coils, limits = device.coils, device.limits
     print_text(console, device.title, "bold")
     print_text(console, f"{device.source} · file {device.digest[:12]}\n", "dim")
@@ -224,7 +220,7 @@ def _name_some(keys: tuple[str, ...], most: int = 8) -> str:
 
 
 def print_build_checks(device: Device, console: Console) -> None:
-    """What must hold for `device` to be buildable: of each condition the part with the least margin."""
+    """Print for each condition of buildability the part of `device` with the least margin."""
     nearest: dict[str, BuildCheck] = {}
     for check in device.build_checks:
         known = nearest.setdefault(check.condition, check)

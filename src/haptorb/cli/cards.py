@@ -21,7 +21,7 @@ __all__ = ["card"]
 @device_function
 @singledispatch
 def card(device: Device) -> Card:
-    """The card of `device`, by its kind. Raises InputError for a kind that has none."""
+    """Return the card of `device`, by its kind. Raises InputError for a kind that has none."""
     raise unsupported(device, "`haptorb inspect`", card)
 
 

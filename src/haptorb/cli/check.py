@@ -150,7 +150,7 @@ def _judge(
 
 
 def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) -> float | None:
-    """Of the filter behind `tracker` [Hz]; None where there is none."""
+    """Return the bandwidth of the filter behind `tracker` [Hz]; None without a filter."""
     from haptorb.devices.electromagnet import electromagnet
     from haptorb.estimation.hall_tracker import HallTracker
     from haptorb.estimation.registry import check_estimator
@@ -170,12 +170,12 @@ def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) 
 
 
 def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float]]:
-    """(damping, largest stiffness) of the whole simulated chain for a few hands; none where its kind has none."""
+    """Return (damping, largest stiffness) of the simulated loop for some hands; empty if it cannot be simulated."""
     from dataclasses import replace
 
     from haptorb.cli.check_world import boundary
 
-    if verdict.part == "torque":  # its springs push, they do not turn
+    if verdict.part == "torque":  # the test springs render forces only
         return []
     setting, found = verdict.setting, []
     with make_progress() as bar:
@@ -191,16 +191,16 @@ def _try_hands(device: Device, verdict: WorldVerdict) -> list[tuple[float, float
 
 
 # --------------------------------------------------------------------------------------------------
-# `haptorb check --scene`: the coupling that a loop and a hand allow, and how far inside the stable it is.
+# `haptorb check --scene`: stability margin of the coupling for a loop and a hand.
 
 
 def judge_scene(
     device: Device, scene: str | None, body: str | None, world: str | None, settings: list[str], setting: Setting,
     json: bool,
 ) -> bool:  # fmt: skip
-    """Print the coupling of `scene` on `device` under `setting`; whether the loop is stable with it against a wall.
+    """Print the coupling of `scene` on `device` under `setting`; return whether it is stable against a wall.
 
-    Raises UnknownName and InputError for a scene, body or value that cannot be.
+    Raises UnknownName and InputError for an invalid scene, body or value.
     """
     from haptorb.analysis.coupling import couple_world, measure_margin
     from haptorb.cli.check_world import ENOUGH

@@ -1,4 +1,4 @@
-"""Check of the computer: measures the loop, and prints verdicts and advice."""
+"""Check of the computer: measure the loop, print verdicts and advice."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What is known about this computer, and what it did while the loop ran.
+# Facts about this computer, and the kernel's counters over the measurement.
 
 
 #: fields of /proc/PID/stat behind the program's name: user and system time, scheduling policy
@@ -48,28 +48,28 @@ _USER, _POLICY = 11, 38
 
 @dataclass(frozen=True)
 class Machine:
-    """Facts that matter to a real-time loop."""
+    """Facts about the computer that affect a real-time loop."""
 
     processor: str
-    cores: int  #: that this process may use
+    cores: int  #: cores that this process may use
     kernel: str
     preemptible: bool
     virtual: bool
-    governor: str  #: of the processor's clock; empty where the kernel does not tell
+    governor: str  #: governor of the processor's clock; empty if unknown
     python: str
 
 
 @dataclass(frozen=True)
 class StolenTime:
-    """What others took from the loop while it was measured."""
+    """Processor time taken by others during the measurement."""
 
     preempted: int  #: times that the kernel gave the servo's processor to another process
     stolen: float  #: share of all processor time that a virtual machine's host kept for itself
-    others: float  #: cores that were busy, the servo's own work included, but not what only keeps a core awake
+    others: float  #: cores that were busy, the servo's own work included, the process that keeps a core awake excluded
 
 
 def this_machine() -> Machine:
-    """The computer that this runs on."""
+    """Return the facts about this computer."""
     processor = ""
     flags = ""
     for line in _text("/proc/cpuinfo").splitlines():
@@ -91,7 +91,7 @@ def this_machine() -> Machine:
 
 @final
 class StolenTimeCounter:
-    """Looks at the kernel's counters when it is made, and again in `took`."""
+    """Reads the kernel's counters at construction and again in `measure`."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
@@ -100,7 +100,7 @@ class StolenTimeCounter:
         self._awake = _count_idle_ticks(pid)
 
     def measure(self) -> StolenTime:
-        """What was taken since the beginning."""
+        """Return the processor time taken since construction."""
         passed = [now - then for now, then in zip(_times(), self._times, strict=True)]
         total = max(sum(passed), 1)
         idle = passed[3] + passed[4] + max(_count_idle_ticks(self._pid) - self._awake, 0)
@@ -112,7 +112,7 @@ class StolenTimeCounter:
 
 
 def _times() -> list[int]:
-    """user, nice, system, idle, iowait, irq, softirq, steal of all processors together, in the kernel's ticks."""
+    """Return user, nice, system, idle, iowait, irq, softirq, steal of all processors together [kernel ticks]."""
     fields = _text("/proc/stat").partition("\n")[0].split()[1:9]
     return [int(field) for field in fields] or [0] * 8
 
@@ -125,7 +125,7 @@ def _count_preemptions(pid: int) -> int:
 
 
 def _count_idle_ticks(pid: int) -> int:
-    """Processor time of the children of `pid` that run only on an idle core, in the kernel's ticks."""
+    """Return the processor time of children of `pid` with idle priority [kernel ticks]."""
     ticks = 0
     for child in _text(f"/proc/{pid}/task/{pid}/children").split():
         fields = _text(f"/proc/{child}/stat").rpartition(")")[2].split()
@@ -149,7 +149,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True)
 class Verdict:
-    """One threshold: the measured value, the required one, and whether it is met."""
+    """One criterion: measured value, threshold, and whether it is met."""
 
     what: str
     measured: str
@@ -176,7 +176,7 @@ class Fitness(NotebookReport):
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Every threshold in turn."""
+        """Return the verdict on every criterion."""
         success, late = _number(self.report["success_rate"]), _number(self.report["lateness_us"]["p99"])
         trips = [trip["code"] for trip in self.report["trips"]]
         return (
@@ -187,12 +187,12 @@ class Fitness(NotebookReport):
 
     @property
     def fit(self) -> bool:
-        """Whether every verdict is yes."""
+        """Whether all criteria are met."""
         return all(verdict.fit for verdict in self.verdicts)
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What to do, most promising first; empty for a computer that is fit."""
+        """Return recommendations, most effective first; empty if the computer is fit."""
         if self.fit:
             return ()
         scheduler = self.report["scheduler"]
@@ -228,7 +228,7 @@ class Fitness(NotebookReport):
         return tuple(found)
 
     def numbers(self) -> dict[str, Any]:
-        """Everything as plain JSON types."""
+        """Return everything as plain JSON types."""
         keys = ("device", "world", "driver", "rate_hz", "ticks", "missed", "success_rate", "lateness_us", "compute_us")
         return {
             "fit": self.fit,
@@ -247,18 +247,18 @@ def _number(value: float | None) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Run the loop on the simulated device, with a client beside it that drags and reads as a console does.
+# Measurement of the loop on the simulated device, with a client that drags and reads as a console does.
 
 
-_FRAME = 1 / 60  #: a console's [s]
+_FRAME_S = 1 / 60  #: a console's frame period [s]
 
 
 def measure_fitness(
     duration: float = 30.0, *, rate: float = 1000.0, device: str = "omni", dragging: bool = True, progress: bool = True
 ) -> Fitness:
-    """Run for `duration` [s] and judge. With `dragging`, a client in this process points and reads at 60 Hz.
+    """Run the loop for `duration` [s] and judge it. With `dragging`, a client in this process drags and reads at 60 Hz.
 
-    Shows a progress bar on the terminal by default. Raises InputError for a duration that is no time.
+    Shows a progress bar on the terminal by default. Raises InputError for a duration below 0.5 s.
     """
     if not (math.isfinite(duration) and duration >= 0.5):
         raise InputError(f"duration must be at least 0.5 s; got {duration!r} s")
@@ -273,21 +273,21 @@ def measure_fitness(
             if dragging:
                 servo.hand.point(drag_position(t))
                 cursor, _ = servo.rows(cursor)
-            if int(t / _FRAME) % 30 == 0:
+            if int(t / _FRAME_S) % 30 == 0:
                 bar.update(task, completed=t)
-            sleep(max(_FRAME - (monotonic() - begin - t), 0.0))
+            sleep(max(_FRAME_S - (monotonic() - begin - t), 0.0))
         took = watch.measure()
     return Fitness(servo.report(), this_machine(), took, duration, dragging)
 
 
 def drag_position(t: float) -> Array:
-    """(3,) [m] where the client holds the pointer: round and round the summit, leaning on the dome."""
+    """Return the pointer position at time `t` (3,) [m]: a circle around the summit, pressing on the dome."""
     tilt, turn = math.radians(15 + 12 * math.sin(0.9 * t)), 1.7 * t
     return 0.048 * np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn), math.cos(tilt)])
 
 
 # --------------------------------------------------------------------------------------------------
-# The verdict for people.
+# Report for the terminal.
 
 
 def print_fitness(fitness: Fitness, console: Console | None = None) -> None:

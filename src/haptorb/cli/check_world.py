@@ -1,4 +1,4 @@
-"""Is a world inside what your loop can render? Its steepest places against the loop's own boundary."""
+"""Stability check of a world: its steepest places against the stability boundary of the loop."""
 
 from __future__ import annotations
 
@@ -58,29 +58,29 @@ __all__ = [
 ]
 
 
-ENOUGH = 1.5  #: a world should be so many times weaker than the strongest that is stable: hands differ
-_QUICK = 4  #: of the places where a world with memory is steepest
-_FASTEST = 4000.0  #: no servo here is faster [Hz]
+ENOUGH = 1.5  #: required stability margin: hands differ
+_CHECKED_PLACES = 4  #: places checked for a world with memory: the steepest
+_MAX_RATE_HZ = 4000.0  #: highest servo rate [Hz]
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How a device is run, and who holds it."""
+    """Loop settings of a device, and the hand that holds its mover."""
 
-    rate: float = 1000.0  #: of the servo [Hz]
+    rate: float = 1000.0  #: servo rate [Hz]
     tracker_rate: float | None = None  #: [Hz]; None: a pose in every tick
     latency: float = 0.0  #: age of a pose when it is reported [s]
     grip: str = "light"
-    hand: HandGrip = GRIPS["light"]  #: the hand alone
-    bandwidth: float | None = None  #: of the filter behind field sensors, with the tracker `hall` [Hz]; None: no filter
+    hand: HandGrip = GRIPS["light"]  #: impedance of the hand alone
+    bandwidth: float | None = None  #: of the field sensors' filter, with the tracker `hall` [Hz]; None: no filter
 
     def loop(self, device: Device) -> SampledLoop:
-        """The loop of `device` under this setting."""
+        """Return the sampled loop of `device` under this setting."""
         coils = device.coils
         return self.loop_with(float(np.max(coils.inductance / coils.resistance)))
 
     def loop_with(self, time_constant: float) -> SampledLoop:
-        """The loop of coils whose L/R is `time_constant` [s]."""
+        """Return the sampled loop for coils with L/R = `time_constant` [s]."""
         theta = 0.0 if self.bandwidth is None else memory(2 * math.pi * self.bandwidth / self.rate)
         return SampledLoop.of(self.rate, self.tracker_rate, self.latency, time_constant, theta)
 
@@ -88,9 +88,9 @@ class Setting:
 @final
 @dataclass(frozen=True)
 class WorldVerdict(NotebookReport):
-    """A world's steepest places, the loop, and the hand that holds the mover.
+    """Result of the check: steepest places of the world, loop, hand.
 
-    margin   by how much the world could be stronger before the loop oscillates, at its most critical place
+    margin   factor on the world's stiffness at which the loop oscillates, at its most critical place
     """
 
     device: str
@@ -98,11 +98,11 @@ class WorldVerdict(NotebookReport):
     passive: bool
     setting: Setting
     loop: SampledLoop
-    hand: HandGrip  #: with the mover in it, in the mover's own coordinates
+    hand: HandGrip  #: hand and mover together, in the mover's coordinates
     place: Workspace
     steep: Steepest
-    part: WrenchPart | None = None  #: of the wrench that is rendered; None where there is no choice
-    turning: WorldVerdict | None = None  #: on the torque, where force and torque are rendered
+    part: WrenchPart | None = None  #: rendered part of the wrench; None if there is no choice
+    turning: WorldVerdict | None = None  #: verdict on the torque, if force and torque are rendered
 
     printer: ClassVar[str] = "haptorb.cli.check_world:print_world"
 
@@ -112,19 +112,19 @@ class WorldVerdict(NotebookReport):
 
     @cached_property
     def margins(self) -> tuple[tuple[float, Steepness], ...]:
-        """The factor to the boundary at every critical place, smallest first; those of `turning` are its own."""
+        """Return the factor to the boundary at each critical place, smallest first; `turning` has its own."""
         found = [(_factor(self.loop, self.hand, one), one) for one in self.steep.candidates]
         return tuple(sorted(found, key=lambda pair: pair[0]))
 
     @property
     def margin(self) -> float:
-        """The smallest, also of the torque; inf for a world without slopes."""
+        """Return the smallest factor, torque included; inf for a world without stiffness."""
         own = self.margins[0][0] if self.margins else math.inf
         return own if self.turning is None else min(own, self.turning.margin)
 
     @property
     def verdict(self) -> str:
-        """ "inside", "close" or "outside"."""
+        """Return "inside", "close" or "outside"."""
         if self.margin >= ENOUGH:
             return "inside"
         return "close" if self.margin > 1.0 else "outside"
@@ -136,22 +136,22 @@ class WorldVerdict(NotebookReport):
 
     @property
     def unjudged(self) -> tuple[str, ...]:
-        """What the analysis leaves out of this world; empty for force alone."""
+        """List the properties of this world that the analysis leaves out; empty for force alone."""
         return UNJUDGED if self.part in ("torque", "both") else ()
 
     @cached_property
     def largest(self) -> float:
-        """The largest stiffness that this loop and hand stand [N/m]; exact."""
+        """Return the largest stable stiffness for this loop and hand [N/m]; exact."""
         return self.loop.largest(self.hand)
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What to change, each by itself enough; empty for a world that is inside."""
+        """Return recommendations, each sufficient by itself; empty for a world inside the boundary."""
         if self.margin >= ENOUGH:
             return ()
         if self.turning is not None and self.turning.margin <= self.margin:
             return self.turning.advice
-        if self.margin == 0.0:  # no world is weak enough for a hand that takes no energy
+        if self.margin == 0.0:  # without damping in the hand no stiffness is stable
             return ()
         found = [f"Make the world {ENOUGH / self.margin:.3g} times weaker or wider (`--set`)."]
         setting = self.setting
@@ -163,7 +163,7 @@ class WorldVerdict(NotebookReport):
             earlier = _least(lambda x: self._compute_factor(latency=setting.latency / x), 1000.0)
             if earlier is not None:
                 found.append(f"Reduce the latency to {1e3 * setting.latency / earlier:.1f} ms.")
-        quicker = _least(lambda x: self._compute_factor(rate=x * setting.rate), _FASTEST / setting.rate)
+        quicker = _least(lambda x: self._compute_factor(rate=x * setting.rate), _MAX_RATE_HZ / setting.rate)
         if quicker is not None:
             found.append(f"Run the servo at --rate {math.ceil(quicker * setting.rate):d}.")
         if self.margins and self.margins[0][1].damping * abs(self.loop.period) > self.hand.mass:
@@ -185,7 +185,7 @@ class WorldVerdict(NotebookReport):
         return min((_factor(loop, self.hand, one) for _, one in self.margins), default=math.inf)
 
     def numbers(self) -> dict[str, Any]:
-        """Everything as plain JSON types; lengths are angles for a motor."""
+        """Return everything as plain JSON types; lengths are angles for a motor."""
         grip = self.hand.damping
         worst = self.margins[0][1] if self.margins else None
         return {
@@ -243,7 +243,7 @@ def judge_world(
     choice = make_choice(device, None if render is None else check_part(render))
     place, loop, called = workspace(device), setting.loop(device), name or type(world).__name__
     part = None
-    if choice is not None:  # a device that can render parts is one with a tool
+    if choice is not None:  # only devices with a tool have a choice of the part
         part = choice.fixed or find_asked_part(device, world)
 
     def judge(place: Workspace, steep: Steepest, turning: WorldVerdict | None = None) -> WorldVerdict:
@@ -259,17 +259,17 @@ def judge_world(
     steep = steepest(place.field(world), place.places, place.inside)
     if isinstance(world, DynamicWorld):
         quick = list_quick_steepness(device, world, place, 1.0 / setting.rate)
-        steep = replace(steep, candidates=(*steep.candidates, *quick[:_QUICK]))
+        steep = replace(steep, candidates=(*steep.candidates, *quick[:_CHECKED_PLACES]))
     return judge(place, steep, turning)
 
 
 def _factor(loop: SampledLoop, hand: HandGrip, one: Steepness) -> float:
-    spring = one.stiffness if one.stiffness.real > 0.0 or one.stiffness.imag else 0.0  # what pushes away is no fault
+    spring = one.stiffness if one.stiffness.real > 0.0 or one.stiffness.imag else 0.0  # a negative one is no fault
     return loop.largest(hand, spring, one.damping)
 
 
 def _least(margin: Any, most: float) -> float | None:
-    """The least factor from 1 to `most` with which margin(factor) is enough; None if there is none."""
+    """Return the smallest factor from 1 to `most` for which margin(factor) is sufficient; None if there is none."""
     if most <= 1.0 or margin(most) < ENOUGH:
         return None
     low, high = 1.0, most
@@ -284,11 +284,15 @@ def _number(value: float) -> float | None:
 
 
 # --------------------------------------------------------------------------------------------------
-# The stability verdict for people: a table, what to change, and the plot of what can be rendered at all.
+# Report on the terminal and plot of the Z-width.
 
 
-#: verdict → words and colour
-_WORDS = {"inside": ("Inside", "green"), "close": ("Close to the limit", "yellow"), "outside": ("Outside", "red")}
+#: verdict → text and colour
+_VERDICT_STYLES = {
+    "inside": ("Inside", "green"),
+    "close": ("Close to the limit", "yellow"),
+    "outside": ("Outside", "red"),
+}
 
 
 def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
@@ -339,7 +343,7 @@ def print_world(verdict: WorldVerdict, console: Console | None = None) -> None:
     for left_out in verdict.unjudged:
         print_text(console, f"Not judged: {left_out}.")
     margin = "nothing can oscillate" if math.isinf(verdict.margin) else _margin(verdict.margin)
-    words, colour = _WORDS[verdict.verdict]
+    words, colour = _VERDICT_STYLES[verdict.verdict]
     print_text(console, f"{words}: {margin}.", f"bold {colour}")
     for advice in verdict.advice:
         print_text(console, f"• {advice}", indent="  ")
@@ -425,15 +429,15 @@ def draw_world(
 
 
 # --------------------------------------------------------------------------------------------------
-# Rate and delay of the poses that a tracker reports.
+# Tracker with a limited rate and a latency.
 
 
 @final
 class PoseDelay(PoseDistortion):
-    """A pose only every 1/`rate` [s], and each of them only `latency` [s] later.
+    """Pose at a limited rate, 1/`rate` [s] apart, each reported `latency` [s] late.
 
-    Between two ticks a pose is taken from the one before and its velocity; the velocity that is reported is the
-    difference of the last two poses, as that of a tracker that measures positions. rate None: a pose in every tick.
+    Between two poses the last one is extrapolated with its velocity; the reported velocity is the difference quotient
+    of the last two poses, as from a tracker that measures positions. rate None: a pose in every tick.
     """
 
     def __init__(self, rate: float | None, latency: float) -> None:
@@ -442,12 +446,12 @@ class PoseDelay(PoseDistortion):
         self.reset()
 
     def reset(self) -> None:
-        """No pose has been reported."""
+        """Discard all stored poses."""
         self._history.clear()
         self._last: Pose | None = None
 
     def distort(self, now: float, pose: Pose) -> Pose:
-        """The pose that a late tracker would have reported by now."""
+        """Return the pose that a tracker with this latency would have reported by `now` [s]."""
         self._history.append((now, pose))
         at = now - self._latency
         if self._period is not None:
@@ -468,24 +472,24 @@ class PoseDelay(PoseDistortion):
 
 
 # --------------------------------------------------------------------------------------------------
-# The stability boundary by trying: a spring of growing stiffness in the whole simulated chain, pushed once.
+# Stability boundary by simulation: springs of growing stiffness in the closed loop, excited by one push.
 #
-# Not a model of the loop but the loop itself: estimator, allocator, guard, drive, coils with their inductance, the
-# magnets' true wrench, a tool in a hand; only the tracker is made slow and late. Linear as long as no limit is reached.
+# The whole loop is simulated: estimator, allocator, guard, drive, coils with inductance, exact wrench of the magnets,
+# a tool in a hand; only the tracker is given rate and latency. Linear as long as no limit is reached.
 
 
-_ABOVE = 0.010  #: the spring's middle is so far above contact, where no dome is touched [m]
-_SETTLED = 0.45  #: by then the guard has ramped up [s]
-_PUSH = 0.02  #: by which the hand leans on its own spring [N]
-_CYCLES = 5  #: of the oscillation, twice: the later ones are compared with the earlier
-_STEP = 1e-4  #: of the simulation [s]
+_SPRING_HEIGHT_M = 0.010  #: height of the spring's centre above contact: clear of the dome [m]
+_RAMP_END_S = 0.45  #: time at which the guard's ramp is complete [s]
+_PUSH_FORCE_N = 0.02  #: force with which the hand leans on its own spring [N]
+_WINDOW_CYCLES = 5  #: cycles in each of two windows whose amplitudes are compared
+_STEP = 1e-4  #: simulation step [s]
 
 
 @dataclass(frozen=True)
 class _Spring(World):
-    """Draws the tool back to a plane across x: the simplest world that can oscillate.
+    """Linear spring to a plane normal to x: the simplest world that can oscillate.
 
-    Declared active: the passivity control, which would bring it to rest, only watches.
+    Declared active, so that the passivity control does not damp it.
     """
 
     passive: ClassVar[bool] = False
@@ -493,7 +497,7 @@ class _Spring(World):
     stiffness: float = 0.0  #: [N/m]
 
     def wrench(self, state: State) -> Array:
-        """(6,) [N]"""
+        """Return the spring's wrench (6,) [N, N·m]."""
         wrench = np.zeros(6)
         wrench[0] = -self.stiffness * state.p[0]
         return wrench
@@ -503,10 +507,10 @@ def is_growing(
     device: SphericalElectromagnet, grip: HandGrip, stiffness: float, rate: float, tracker_rate: float | None,
     latency: float, *, hall: bool = False,
 ) -> bool:  # fmt: skip
-    """Whether an oscillation of the tool across a spring of `stiffness` [N/m] grows; `grip` is the hand alone.
+    """Return whether an oscillation of the tool across a spring of `stiffness` [N/m] grows; `grip` is the hand alone.
 
-    hall: the field sensors tell the pose, as a calibration leaves them and without noise (which makes the tool tremble,
-    and no spring unstable).
+    hall: the pose comes from the field sensors, calibrated and without noise (noise excites the tool, but does not
+    affect stability).
     """
     held = replace(
         device,
@@ -519,13 +523,13 @@ def is_growing(
             hall=replace(held.hall, noise=0.0, step=0.0),
             supply=replace(held.supply, current_noise=0.0, current_step=0.0),
         )
-    middle = np.array([0.0, 0.0, device.contact_distance + _ABOVE])
+    middle = np.array([0.0, 0.0, device.contact_distance + _SPRING_HEIGHT_M])
     upright = np.array([0.0, 0.0, 0.0, 1.0])
-    lean = np.array([_PUSH / max(grip.stiffness, 1.0), 0.0, 0.0])
+    lean = np.array([_PUSH_FORCE_N / max(grip.stiffness, 1.0), 0.0, 0.0])
     pushed_for = 0.25 * 2 * pi * ((grip.mass + device.tool.mass) / (stiffness + grip.stiffness)) ** 0.5
 
     def goal(now: float) -> Goal:
-        pushed = _SETTLED <= now < _SETTLED + pushed_for
+        pushed = _RAMP_END_S <= now < _RAMP_END_S + pushed_for
         return Goal(middle + lean if pushed else middle, upright, now, False)
 
     dt = 1 / rate
@@ -534,8 +538,8 @@ def is_growing(
     estimator = make_estimator(held, "hall" if hall else "tracker", None)
     tick = Tick(held, _Spring(stiffness), driver, estimator, make_allocator(held), dt)
     row = tick.layout.empty()
-    window = _CYCLES * 4 * pushed_for
-    start = _SETTLED + pushed_for + 0.25 * window
+    window = _WINDOW_CYCLES * 4 * pushed_for
+    start = _RAMP_END_S + pushed_for + 0.25 * window
     places: list[float] = []
     with driver:
         for n in range(round((start + 2 * window) * rate)):
@@ -553,9 +557,9 @@ def boundary(
     device: Device, grip: HandGrip, expected: float, rate: float, tracker_rate: float | None = None,
     latency: float = 0.0, precision: float = 0.02, *, hall: bool = False,
 ) -> float | None:  # fmt: skip
-    """The largest stiffness [N/m] of the whole simulated chain whose oscillation dies away, found by bisection.
+    """Find the largest stable stiffness of the simulated closed loop by bisection [N/m].
 
-    None for a kind of device whose chain is not tried with a spring.
+    None for a kind of device whose loop cannot be simulated with a spring.
     """
     return None
 

@@ -21,17 +21,13 @@ if TYPE_CHECKING:
 __all__ = ["Comparison", "describe_mappings", "name_devices"]
 
 
-# --------------------------------------------------------------------------------------------------
-# Several devices beside each other: one row per quantity, one column per device, and their curves over each other.
-
-
-#: Okabe and Ito's colours, distinguished with any colour vision, and a marker for each
+#: Okabe and Ito's colours, distinguishable with any colour vision, and a marker for each
 _LINES = (
     *(("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "D"), ("#cc79a7", "^"), ("#e69f00", "v"), ("#56b4e9", "P")),
     ("#000000", "X"),
 )
-_MISSING = "-"  #: of a quantity that a kind of device does not have
-_CHANGE = 1e-6  #: relative; below it, two devices are alike
+_MISSING = "-"  #: shown if a device does not have the quantity
+_EQUAL_TOLERANCE = 1e-6  #: relative difference below which two values count as equal
 
 
 @final
@@ -45,11 +41,11 @@ class Comparison(NotebookReport):
         self._columns = [{one.head: one for one in card.quantities()} for card in cards]
 
     def numbers(self) -> list[dict[str, Any]]:
-        """Every card as plain JSON types, in the order of the devices."""
+        """Return every card as plain JSON types, in the order of the devices."""
         return [card.numbers() for card in self.cards]
 
     def show(self, console: Console) -> None:
-        """Print it for people: the devices, then the quantities in which they may differ."""
+        """Print the devices, then the quantities in which they may differ."""
         devices = [card.device for card in self.cards]
         facts = [
             (label, f"{device.kind.title} · {device.title} · {device.source} · file {device.digest[:12]}")
@@ -76,12 +72,12 @@ class Comparison(NotebookReport):
             print_text(console, f"\n{_MISSING}: this kind of device does not have the quantity", "dim")
 
     def _list_heads(self) -> list[str]:
-        """Quantities of all devices, each once: those of every kind first."""
+        """List the quantities of all devices, each once: common ones first."""
         heads = list(dict.fromkeys(head for column in self._columns for head in column))
         return sorted(heads, key=lambda head: not all(head in column for column in self._columns))
 
     def draw(self) -> Figure:
-        """The curves of all devices over each other, one panel for each quantity that at least one of them has."""
+        """Draw the curves of all devices, one panel for each quantity that at least one of them has."""
         from matplotlib.figure import Figure
         from matplotlib.lines import Line2D
 
@@ -106,7 +102,7 @@ class Comparison(NotebookReport):
 
 
 def describe_mappings(devices: Sequence[Device], labels: Sequence[str]) -> list[str]:
-    """The default mapping of the first device's workspace into that of each other one of another size, a line each.
+    """Describe the default workspace mapping from the first device to each of another size, one line each.
 
     >>> from haptorb.devices.loader import load
     >>> describe_mappings([load("arm"), load("arm")], ["one", "two"])
@@ -150,7 +146,7 @@ def _draw_panel(place: Any, title: str, curves: list[tuple[int, Curve]], labels:
 
 
 def _change(before: Quantity | None, after: Quantity | None) -> str:
-    """From the first device to the second, in per cent; nothing for what only one of them has."""
+    """Format the relative change between two devices [%]; empty if only one has the quantity."""
     if before is None or after is None:
         return ""
     if before.value == after.value:
@@ -159,14 +155,18 @@ def _change(before: Quantity | None, after: Quantity | None) -> str:
     if not abs(relative) < float("inf"):
         return ""
     return (
-        "0" if abs(relative) < _CHANGE else f"{100 * relative:+.0f}" if abs(relative) >= 1 else f"{100 * relative:+.3g}"
+        "0"
+        if abs(relative) < _EQUAL_TOLERANCE
+        else f"{100 * relative:+.0f}"
+        if abs(relative) >= 1
+        else f"{100 * relative:+.3g}"
     )
 
 
 def name_devices(devices: Sequence[Device], given: Sequence[str]) -> list[str]:
-    """A label for each device: its name, or what was `given` where another has that name too.
+    """Return a label for each device: its name, or the `given` argument if two have the same name.
 
-    Raises InputError for what is given twice.
+    Raises InputError for a device that is given twice.
     """
     for number, one in enumerate(given):
         if one in given[:number]:

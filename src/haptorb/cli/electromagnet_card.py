@@ -39,13 +39,13 @@ __all__ = ["ElectromagnetCard", "print_force_tables"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The tables of a spherical electromagnet's force over its shell: at the peak, and without a time limit.
+# Tables of the force over the shell: peak, and continuous.
 
 
 def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: float, *, coupled: bool) -> None:
-    """Print what the coils can do at each of `layers`; coupled ones last less when all are warm.
+    """Print peak and continuous force at each of `layers`; coupled coils carry less when all are warm.
 
-    supply: its power [W], inf for no limit.
+    supply: power of the supply [W], inf for no limit.
     """
     peak = TextTable(
         (
@@ -96,16 +96,16 @@ def print_force_tables(console: Console, layers: tuple[Layer, ...], supply: floa
 
 
 # --------------------------------------------------------------------------------------------------
-# The card of a spherical electromagnet: force over the shell, endurance, and what its published model gets wrong.
+# The card.
 
 
-#: of a legend: below the axes, where no line runs through it
+#: legend position below the axes, clear of the curves
 _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "frameon": False}
 
 
 @final
 class ElectromagnetCard(Card):
-    """Forces are the least over the workspace, by the exact model, for a tool held radially."""
+    """Card of an electromagnet: smallest forces over the workspace by the exact model, for a radial tool."""
 
     _device: SphericalElectromagnet
 
@@ -116,7 +116,7 @@ class ElectromagnetCard(Card):
         self._predicted = device.predict_moments()
 
     def numbers(self) -> dict[str, Any]:
-        """Everything on the card as plain JSON types."""
+        """Return everything on the card as plain JSON types."""
         device, capability = self._device, self._capability
         return {
             **facts(device),
@@ -164,7 +164,7 @@ class ElectromagnetCard(Card):
         }
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the card on `console`."""
         device, capability = self._device, self._capability
         reach = np.array([device.contact_distance, device.contact_distance + device.shell_thickness]) * 1e3
         more = [
@@ -209,7 +209,7 @@ class ElectromagnetCard(Card):
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def _moments(self, console: Console) -> None:
-        """m_e per ampere: as calibrated, and as the coils' sizes and the core would have it."""
+        """Print the moment per ampere: calibrated, and predicted from the coils' dimensions and the core."""
         device = self._device
         origin = {"device file": "in the file", "calibration": "calibrated", "windings": "computed"}
         word = origin[device.moments_from]
@@ -232,7 +232,7 @@ class ElectromagnetCard(Card):
             )
 
     def _polytopes(self, axes: Any) -> None:
-        """Shadows of the force polytopes at contact on the x–z plane."""
+        """Draw the force polytopes at contact, projected on the x–z plane."""
         from scipy.spatial import ConvexHull
 
         for n, (state, able) in enumerate(self._feasible_wrenches[:3]):
@@ -248,7 +248,7 @@ class ElectromagnetCard(Card):
         axes.grid(alpha=0.3)
 
     def quantities(self) -> list[Quantity]:
-        """Those of every device, and force, moments and places of an electromagnet."""
+        """Return the common quantities, and forces, moments and dimensions of an electromagnet."""
         device, near, far = self._device, self._capability.layers[0], self._capability.layers[-1]
         summit = self._feasible_wrenches[0][1]
         moments = np.linalg.norm(device.moment_per_current, axis=0)
@@ -278,7 +278,7 @@ class ElectromagnetCard(Card):
         ]
 
     def curves(self) -> list[Curve]:
-        """Force over distance in the weakest direction, and endurance."""
+        """Return force over distance in the weakest direction, and endurance."""
         layers = self._capability.layers
         distance = [1e3 * layer.distance for layer in layers]
         across = "tool's magnet from the centre [mm]"
@@ -304,7 +304,7 @@ class ElectromagnetCard(Card):
         ]
 
     def draw(self) -> Figure:
-        """Force over distance, and over the dome."""
+        """Draw force over distance, and over the dome."""
         from matplotlib.figure import Figure
 
         layers = self._capability.layers
@@ -353,7 +353,7 @@ class ElectromagnetCard(Card):
 
 
 def _describe_windings(device: SphericalElectromagnet) -> list[tuple[str, str]]:
-    """How each coil is wound: name and text; nothing without [windings]."""
+    """Describe the winding of each coil: name and text; empty without [windings]."""
     windings, coils, found = device.windings, device.coils, []
     if windings is None:
         return []
@@ -369,7 +369,7 @@ def _describe_windings(device: SphericalElectromagnet) -> list[tuple[str, str]]:
 
 
 def _feasible_wrenches(device: SphericalElectromagnet) -> list[tuple[State, FeasibleWrench]]:
-    """At the summit, halfway and at the workspace's edge, in contact and at the shell's end."""
+    """List feasible wrenches at the summit, halfway and at the workspace's edge, in contact and at the shell's end."""
     found = []
     for distance in (device.contact_distance, device.contact_distance + device.shell_thickness):
         for polar in np.array([0.0, 0.5, 1.0]) * device.workspace_half_angle:

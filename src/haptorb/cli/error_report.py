@@ -23,23 +23,23 @@ __all__ = ["ErrorReport", "report_errors"]
 
 
 # --------------------------------------------------------------------------------------------------
-# `haptorb inspect DEVICE --errors`: in which band the delivered wrench lies, and what contributes most to it.
+# `haptorb inspect DEVICE --errors`: error band of the delivered wrench, and its largest contributions.
 
 
 _KEYS = {"N": "n", "N·m": "nm"}
-_ROUNDING = 1e-6  #: [mN or mN·m]
-_LEAST = 5e-4  #: share of the variance below which a bar is not drawn
+_ROUNDING_LIMIT = 1e-6  #: magnitude below which an error is rounding [mN or mN·m]
+_MIN_DRAWN_SHARE = 5e-4  #: share of the variance below which no bar is drawn
 
 
 @final
 class ErrorReport(NotebookReport):
-    """An error budget as text, as numbers and as a picture."""
+    """An error budget as text, as JSON and as a figure."""
 
     def __init__(self, device: Device, budget: ErrorBudget) -> None:
         self.device, self.budget = device, budget
 
     def numbers(self) -> dict[str, Any]:
-        """Everything as plain JSON types, SI units in the keys."""
+        """Return everything as plain JSON types, SI units in the keys."""
         budget, unit = self.budget, _KEYS[self.budget.unit]
         return {
             "name": budget.device,
@@ -85,7 +85,7 @@ class ErrorReport(NotebookReport):
         }
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the budget on `console`."""
         budget, unit = self.budget, f"m{self.budget.unit}"
         print_text(console, f"Error budget of {self.device.title}", "bold")
         facts = [
@@ -136,7 +136,7 @@ class ErrorReport(NotebookReport):
             print_text(console, f"\nNot in the budget: {budget.left_out}")
 
     def draw(self) -> Figure:
-        """The bands over the regions, and the sources' shares."""
+        """Draw the bands over the regions, and the sources' shares."""
         from matplotlib.figure import Figure
 
         budget, unit = self.budget, f"m{self.budget.unit}"
@@ -158,7 +158,7 @@ class ErrorReport(NotebookReport):
         scale = 1e3 * budget.jnd * budget.asked
         jnd = left.secondary_yaxis("right", functions=(lambda x: x / scale, lambda x: x * scale))
         jnd.set_ylabel("just-noticeable differences")
-        shares = [share for share in budget.shares if share.total >= _LEAST][::-1]
+        shares = [share for share in budget.shares if share.total >= _MIN_DRAWN_SHARE][::-1]
         right.barh(
             [share.name for share in shares], [100 * share.total for share in shares], color="0.8", label="total"
         )
@@ -234,17 +234,17 @@ def report_errors(
 
 
 def _format_size(size: float) -> str:
-    """Two digits; what is nothing but rounding is 0."""
-    return f"{size:.2g}" if size >= _ROUNDING else "0"
+    """Format a magnitude with two digits; rounding errors are 0."""
+    return f"{size:.2g}" if size >= _ROUNDING_LIMIT else "0"
 
 
 def _format_share(share: float, interval: tuple[float, float]) -> str:
-    """A share of the variance [%] and the longer half of its interval."""
+    """Format a share of the variance [%] with the longer half of its interval."""
     return f"{100 * share:.1f} ± {100 * max(interval[1] - share, share - interval[0]):.1f}"
 
 
 def _draw_sizes(place: Any, bands: tuple[WrenchBand, ...], across: Any) -> None:
-    """A line for the size of the error, on both sides of zero."""
+    """Draw the magnitude of the error symmetrically about zero."""
     for sign in (1, -1):
         sizes = [1e3 * sign * band.size for band in bands]
         place.plot(across, sizes, "k_", ms=40, label="size" if sign > 0 else None)

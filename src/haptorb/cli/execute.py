@@ -1,4 +1,4 @@
-"""`haptorb exec`: a device for one program that was written for another maker's library; `haptorb libraries`."""
+"""`haptorb exec`: run a program written for another maker's library on a device; `haptorb libraries`."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from haptorb.terminal import say, tell
 
 __all__ = ["register"]
 
-_ENOUGH = 2.0  #: for a program to end whose device has gone [s]
-_CLOSE = 20.0  #: for the run to end, its recording included [s]
+_EXIT_TIMEOUT_S = 2.0  #: time for the program to exit after its device has gone [s]
+_CLOSE_TIMEOUT_S = 20.0  #: time for the run to exit, its recording included [s]
 
 
 def register(app: typer.Typer) -> None:
@@ -103,7 +103,7 @@ def run_program(
 
 
 class _Run:
-    """`haptorb run` in a process of its own; what it says on standard error is passed on."""
+    """`haptorb run` in a child process; its standard error is passed on."""
 
     def __init__(self, options: list[str]) -> None:
         self._process = start_python(
@@ -129,7 +129,7 @@ class _Run:
         self._ready.set()
 
     def execute(self, command: list[str], kit: Path) -> int:
-        """The exit status of the program, which runs once the device does. Raises DriverError if it never does."""
+        """Run the program once the device is ready; return its exit status. DriverError if no device starts."""
         self._ready.wait()
         if not self._path:
             raise DriverError("the device did not start; the lines above say why")
@@ -151,7 +151,7 @@ class _Run:
                 say("the device has ended; the program is ended, too")
                 self._end_program(program)
         except (KeyboardInterrupt, Termination):
-            self.stop()  # the coils first; the program has had the terminal's own signal
+            self.stop()  # coils off first; the program has already received the terminal's signal
             run_uninterrupted(lambda _: self._end_program(program))
             if program.returncode == 0:
                 raise
@@ -164,18 +164,18 @@ class _Run:
             if end is not None:
                 end()
             with suppress(subprocess.TimeoutExpired):
-                program.wait(_ENOUGH)
+                program.wait(_EXIT_TIMEOUT_S)
                 return
 
     def stop(self) -> None:
-        """Tell it to end."""
+        """Send the run its stop signal."""
         with suppress(ProcessLookupError):
             self._process.send_signal(signal.SIGTERM)
 
     def end(self) -> None:
-        """End it in order; its coils are off, and its recording is complete."""
+        """Stop the run and wait: coils off, recording complete."""
         self.stop()
-        if not self._ended.wait(_CLOSE):
+        if not self._ended.wait(_CLOSE_TIMEOUT_S):
             self._process.kill()
         self._reader.join(1.0)
 
@@ -189,7 +189,7 @@ def _open_run(options: list[str]) -> Iterator[_Run]:
         run_uninterrupted(lambda _: run.end())
 
 
-if __name__ == "__main__":  # the run, which does not outlive `haptorb exec`
+if __name__ == "__main__":  # entry point of the child process, which must not outlive `haptorb exec`
     die_with_parent(signal.SIGTERM)
     from haptorb.cli import main
 

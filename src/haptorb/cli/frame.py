@@ -1,4 +1,4 @@
-"""`haptorb frame`: where a tracker's own frame and rigid body are, by touching the device, into a file of both."""
+"""`haptorb frame`: register a tracker's frame and rigid body by touching the device, and write the frame file."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def frame(
     def ask(stroke: Stroke) -> bool:
         if rehearsal is None:
             return typer.confirm("    ready", default=True, err=True)
-        doing.close()  # the stroke before
+        doing.close()  # of the previous stroke
         doing.enter_context(rehearsal.send_stroke(stroke))
         return True
 
@@ -73,7 +73,7 @@ def frame(
         if preparation.token:
             say(f"A program on another computer must send this token before its poses: {preparation.token}")
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
-        preparation.descriptor = -1  # the feed's now
+        preparation.descriptor = -1  # owned by the feed from here on
         opened.callback(feed.close)
         result = register_frame(found, feed, ask=ask, say=say, bar=time_bar, pace=PACE if rehearse else 1.0)
     if result is None:

@@ -1,7 +1,6 @@
-"""What a person does to register a tracker's frame: the dome, every mark, and a roll; recorded, and then evaluated
-together.
+"""Strokes that register a tracker's frame: dome, every mark, and a roll; recorded one by one, evaluated together.
 
-Nothing is switched on. It takes a minute and a half, so after a failed step all steps start again.
+The coils stay off. It takes a minute and a half, so a failed step restarts all of them.
 """
 
 from __future__ import annotations
@@ -38,28 +37,28 @@ __all__ = [
 
 Bar = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
 
-_MOVED, _TURNED = 1e-3, np.deg2rad(1.5)  #: since the last pose that was kept, for the next one [m], [rad]
-_MAX_POSES = 4000  #: poses of a step
-_POLL_TIMEOUT_S = 0.05  #: [s]
-_SILENT = 3.0  #: without any pose for so long, there is no tracker [s]
-_DRAINED = 200  #: reads after which what waits is left waiting: a flood
+_MIN_MOTION_M, _MIN_TURN_RAD = 1e-3, np.deg2rad(1.5)  #: least motion since the last stored pose [m], [rad]
+_MAX_POSES = 4000  #: poses stored for a step, at most
+_POLL_TIMEOUT_S = 0.05  #: timeout of one read
+_SILENCE_TIMEOUT_S = 3.0  #: without a pose for this long, the tracker counts as absent [s]
+_MAX_DISCARDED_READS = 200  #: reads that discard queued poses, at most: protects against a flood
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """One step with the tool while the tracker is recorded."""
+    """One motion with the tool while the tracker is recorded."""
 
     name: str
-    asks: str  #: of the person, before it begins
-    seconds: float  #: how long it is recorded
+    asks: str  #: instruction to the person before it begins
+    seconds: float  #: recording time
 
     def scale_time(self, pace: float) -> Stroke:
-        """The same in `pace` times the time."""
+        """Return the stroke with its duration multiplied by `pace`."""
         return Stroke(self.name, self.asks, pace * self.seconds)
 
 
 def check_device(device: Device) -> SphericalElectromagnet:
-    """`device` itself; InputError if no tool could be registered before it."""
+    """Return `device` as an electromagnet; InputError if no frame can be registered on it."""
     known = electromagnet(device, "`haptorb frame`")
     if known.marks is None:
         raise InputError(
@@ -70,7 +69,7 @@ def check_device(device: Device) -> SphericalElectromagnet:
 
 
 def strokes(device: SphericalElectromagnet) -> tuple[Stroke, ...]:
-    """The steps in their order: "dome", "mark NAME" for each, "roll"."""
+    """Return the strokes in order: "dome", "mark NAME" for each mark, "roll"."""
     marks = () if device.marks is None else device.marks.names
     stands = [
         Stroke(f"mark {name}", f"Put the tip into mark '{name}' and hold it there; tilt the tool by 20° or more "
@@ -94,9 +93,9 @@ def register_frame(
     bar: Bar,
     pace: float = 1.0,
 ) -> FrameRegistration | None:
-    """Record every stroke and register; None if the person stopped.
+    """Record every stroke and compute the frame; None if the person stopped.
 
-    Raises DriverError if nothing comes from the tracker, CalibrationError if what came determines no frame.
+    Raises DriverError if no pose arrives, CalibrationError if the poses do not determine a frame.
     """
     steps, recordings = strokes(device), {}
     for number, stroke in enumerate((one.scale_time(pace) for one in steps), start=1):
@@ -112,8 +111,8 @@ def register_frame(
 
 
 def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) -> Touches:
-    """The poses of one stroke that differ from the one before; what waited before it began is not among them."""
-    for _ in range(_DRAINED):
+    """Return the poses of one stroke that differ from the previous one; poses queued before it are discarded."""
+    for _ in range(_MAX_DISCARDED_READS):
         if not any(True for _ in feed.receive(0.0)):
             break
     p: list[Array] = []
@@ -133,7 +132,7 @@ def _record_stroke(feed: Feed, stroke: Stroke, passed: Callable[[float], None]) 
             if len(p) < _MAX_POSES and (not p or _has_moved(p[-1], q[-1], place, turn)):
                 p.append(place)
                 q.append(turn)
-        if now - last > _SILENT:
+        if now - last > _SILENCE_TIMEOUT_S:
             break
         passed(now - last_message)
         last_message = now
@@ -162,19 +161,19 @@ def _describe_error(one: RawPose) -> str:
 
 def _has_moved(p: Array, q: Array, place: Array, turn: Array) -> bool:
     half = abs(float(q @ turn)) / max(float(np.linalg.norm(q) * np.linalg.norm(turn)), 1e-12)
-    return float(np.linalg.norm(place - p)) > _MOVED or 2.0 * np.arccos(min(half, 1.0)) > _TURNED
+    return float(np.linalg.norm(place - p)) > _MIN_MOTION_M or 2.0 * np.arccos(min(half, 1.0)) > _MIN_TURN_RAD
 
 
 # --------------------------------------------------------------------------------------------------
-# A rehearsal of registering a frame: a made-up tracker that speaks OSC, and a simulated person under it.
+# Rehearsal of the registration: a synthetic tracker that sends OSC, and a simulated person.
 
 
-PACE = 0.08  #: of a simulated person, who understands at once
-_RATE = 200.0  #: poses per second
+PACE = 0.08  #: time scale of the simulated person
+_REHEARSAL_RATE_HZ = 200.0  #: poses per second
 
 
 def rehearsal_port(tracker: str) -> int:
-    """The UDP port of `tracker`; InputError if a simulated person cannot speak to it."""
+    """Return the UDP port of `tracker`; InputError if it is not OSC on this computer."""
     kind, _, where = tracker.partition(":")
     host, _, port = where.rpartition(":")
     if kind != "osc" or host not in ("", "127.0.0.1", "localhost"):
@@ -183,19 +182,19 @@ def rehearsal_port(tracker: str) -> int:
 
 
 class Rehearsal:
-    """A person under a made-up tracker, drawn by `seed`, who sends to the UDP `port` of this computer."""
+    """A simulated person with a synthetic tracker, drawn by `seed`, that sends to the UDP `port` of this computer."""
 
     def __init__(self, device: SphericalElectromagnet, port: int, seed: int = 0) -> None:
         self.tracker = SyntheticTracker.draw(seed)
         self._person = SimulatedPerson(device, self.tracker, seed)
         self._port = port
-        self._own_port = 0  # of the first stroke's socket, and of all later ones: a tracker accepts one sender
+        self._own_port = 0  # source port of all strokes: a tracker feed accepts one sender
 
     @contextmanager
     def send_stroke(self, stroke: Stroke) -> Iterator[None]:
-        """The stroke, sent by a thread of its own, in its time."""
+        """Send the poses of `stroke` from a thread, in real time."""
         over = threading.Event()
-        n = max(int(_RATE * stroke.seconds), 40)
+        n = max(int(_REHEARSAL_RATE_HZ * stroke.seconds), 40)
         if stroke.name == "dome":
             poses = self._person.dome(n)
         elif stroke.name == "roll":
@@ -230,7 +229,7 @@ class Rehearsal:
 def measure_miss(
     found: FrameRegistration, tracker: SyntheticTracker, device: SphericalElectromagnet, n: int = 200
 ) -> tuple[float, float]:
-    """(rms [m], greatest angle [rad]) by which the magnet and its axis are missed over the dome, without noise."""
+    """Return (rms position error [m], largest angle error [rad]) of the magnet over the dome, without noise."""
     still = SyntheticTracker(tracker.R, tracker.t, tracker.tip, tracker.axis, 0.0, 0.0)
     person, up = SimulatedPerson(device, still, 1).dome(n), device.tool.tip_distance
     places = person.point(tracker.tip + up * tracker.axis) @ tracker.R.T + tracker.t

@@ -72,7 +72,7 @@ def monitor(
     from haptorb.devices.loader import load
     from haptorb.runtime.drivers.registry import real_driver
 
-    through = real_driver(driver, load(device), watchdog=False)  # which nothing needs that switches nothing on
+    through = real_driver(driver, load(device), watchdog=False)  # none needed: the coils stay off
     for sample in samples(through, rate, duration):
         if json:
             print_json(numbers(sample, through.coil_state), line=True)
@@ -107,7 +107,7 @@ def jog(
     through = real_driver(
         driver, it, duty_limit=GENTLE_DUTY, current_limit=min(max(current, 0.1), 60.0), watchdog=not no_watchdog
     )
-    prepare_thread()  # the firmware switches off after 15 ms of silence, however busy this computer is
+    prepare_thread()  # the firmware switches off after 15 ms of silence, even if this computer is busy
     try:
         reading = moved(it, through, coil, duty, duration, current)
     finally:

@@ -1,4 +1,4 @@
-"""Measurement of capacities and conductances of the windings: heating one after the other, as Zárate 2020, Fig. 6."""
+"""Identification of the windings' heat capacities and conductances: coils heated in turn, as Zárate 2020, Fig. 6."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ __all__ = ["HEATING", "HeatingResult", "HeatingSchedule", "identify_heat"]
 
 
 # --------------------------------------------------------------------------------------------------
-# Heat, measured: a coil is warmed as the paper did it, each after the other where they warm each other, and watched.
+# Coils are heated in turn where they are thermally coupled, and all are observed while they cool.
 #
-# Its resistance gives the winding's temperature, so a small current stays on in every observed coil. Zárate 2020,
-# Fig. 6: 30 % duty for three minutes.
+# The winding's temperature follows from its resistance, so a small current stays on in every observed coil (Zárate
+# 2020, Fig. 6: 30 % duty for three minutes).
 #
-# In minutes, a computer may once be silent for 15 ms. If it was, and the firmware switched off for that reason alone,
-# the second is lost and the record continues in the next: less heat went in, and that is recorded.
-# The person has agreed to current in the coils for all of the step, with the tool away; any other trip ends it.
+# Within minutes this computer may once be silent for 15 ms. If the firmware switched off for that reason alone, that
+# second is lost and the record continues with the next; the missing heat input is recorded.
+# The person has agreed to current in the coils during the whole step, with the tool away; any other trip ends it.
 
 
-_SAMPLE_RATE_HZ = 250.0  #: a firmware's watchdog waits 15 ms: three readings may come late, in six minutes
-_SIMULATED_RATE_HZ = 100.0  #: nothing watches a simulation
-_BIN_S = 1.0  #: readings are averaged over this
-_STOP_MARGIN_K = 5.0  #: heating ends so far below the device's warning
-_COLD_TOLERANCE_K = 4.0  #: a coil that is warmer than the others by this is not cold
-_MAX_LOST_SHARE = 0.2  #: share of the seconds that may be lost: with more, the record is one of this computer
-_NO_CURRENT_A = 0.02  #: current of a driven coil that is none
+_SAMPLE_RATE_HZ = 250.0  #: a firmware's watchdog waits 15 ms: three consecutive readings may be late
+_SIMULATED_RATE_HZ = 100.0  #: a simulation has no watchdog
+_BIN_S = 1.0  #: averaging window of the readings
+_STOP_MARGIN_K = 5.0  #: heating ends this far below the device's warning temperature
+_COLD_TOLERANCE_K = 4.0  #: permitted difference between cold coils
+_MAX_LOST_SHARE = 0.2  #: permitted share of lost seconds: above it, the record is not representative
+_NO_CURRENT_A = 0.02  #: below this a driven coil carries no current
 _MAX_CURRENT_RATIO, _MAX_CURRENT_OFFSET_A = (
     1.5,
     0.3,
-)  #: beyond that a coil does not switch
+)  #: permitted deviation of the current; beyond it the coil does not switch
 _NO_COIL = -1
-_MIN_PAUSE_S = 0.1  #: a pause lasts at least this
+_MIN_PAUSE_S = 0.1  #: least duration of a pause
 
 
 @dataclass(frozen=True)
 class HeatingSchedule:
-    """How long and how strongly: duties [1] and seconds, of heating for each coil."""
+    """Duties [1] and durations [s] of heating and cooling for each coil."""
 
     hot: float = 0.3
     heating: float = 180.0
@@ -59,7 +59,7 @@ class HeatingSchedule:
     cooling: float = 180.0
 
     def seconds(self, device: SphericalElectromagnet) -> float:
-        """From the first to the last reading of `device`: coupled coils are heated one after the other."""
+        """Return the time from the first to the last reading of `device` [s]: coupled coils are heated in turn."""
         heated = 1 if device.coils.heat.coupling is None else device.channels
         return heated * self.heating + self.cooling
 
@@ -69,7 +69,7 @@ HEATING = HeatingSchedule()
 
 @dataclass(frozen=True)
 class HeatingResult:
-    """What was found, and how many seconds were lost because this computer hesitated."""
+    """Identified heat parameters, and the seconds lost because this computer was late."""
 
     found: ThermalIdentification | NetworkIdentification
     lost: int
@@ -78,12 +78,12 @@ class HeatingResult:
 def identify_heat(
     session: DriverSession, device: SphericalElectromagnet, resistance: Array, course: HeatingSchedule = HEATING
 ) -> HeatingResult:
-    """The heat of `device`, found over `course`; `resistance` (m,) [Ω] as it was when cold.
+    """Identify the heat parameters of `device` over `course`; `resistance` (m,) [Ω] is that of the cold coils.
 
-    Coils that are coupled are driven one after the other while all are watched; of coils that are alike and do not warm
-    each other the first is enough. Begin with a cold device: its first temperature is taken as the room's. Raises
-    CalibrationError if it is not, if a coil does not switch, if the record determines too little, or if more than a
-    fifth of it was lost.
+    Coupled coils are driven in turn while all are observed; of identical coils without coupling, only the first is
+    driven. Begin with a cold device: its first temperature is taken as ambient. Raises CalibrationError if it is not
+    cold, if a coil does not switch, if the record does not determine the parameters, or if more than a fifth of it was
+    lost.
     """
     coils, rate = device.coils, _SIMULATED_RATE_HZ if session.simulated else _SAMPLE_RATE_HZ
     watched = list(range(device.channels if coils.heat.coupling is not None else 1))
@@ -96,7 +96,7 @@ def identify_heat(
             "for ten minutes"
         )
     hot, cool = int(course.heating / _BIN_S), int(course.cooling / _BIN_S)
-    plan = [coil for coil in watched for _ in range(hot)] + [_NO_COIL] * cool  # who is driven in each second
+    plan = [coil for coil in watched for _ in range(hot)] + [_NO_COIL] * cool  # coil driven in each second
     hottest, start, record = coils.heat.warn - _STOP_MARGIN_K, session.now(), _Record(len(watched))
     ohms = np.array(resistance, dtype=np.float64)
     n = lost = 0
@@ -140,7 +140,7 @@ def identify_heat(
 
 
 def _check_currents(device: SphericalElectromagnet, currents: Array, expected: Array, watched: list[int]) -> None:
-    """CalibrationError unless the coils carry about what they should: `currents` and `expected` (m,) [A]."""
+    """Raise CalibrationError unless measured `currents` (m,) [A] are close to the `expected` (m,) [A]."""
     for k, name in enumerate(device.coils.names):
         if k in watched and currents[k] < _NO_CURRENT_A:
             raise CalibrationError(f"coil '{name}' carries no current during heating: check that the device is engaged")
@@ -153,7 +153,7 @@ def _check_currents(device: SphericalElectromagnet, currents: Array, expected: A
 
 @final
 class _Record:
-    """Temperatures [K] of some coils at times [s], and the heat [J] that went into each, at times of its own."""
+    """Temperatures of some coils [K] over time [s], and the heat input of each [J] with its own time stamps."""
 
     def __init__(self, coils: int) -> None:
         self._times: list[float] = []
@@ -162,18 +162,18 @@ class _Record:
         self._until, self._joules = [0.0], [np.zeros(coils)]
 
     def tell(self, t: float, winding: Array, boundary: Array) -> None:
-        """The temperatures of all coils (m,) at one time."""
+        """Append the temperatures of all coils (m,) [K] at time `t` [s]."""
         self._times.append(t)
         self._winding.append(winding)
         self._boundary.append(boundary)
 
     def spend(self, until: float, watts: Array) -> None:
-        """So much power (m,) from the last such time until this one."""
+        """Append the power (m,) [W] between the last time stamp and `until` [s]."""
         self._joules.append(self._joules[-1] + watts * (until - self._until[-1]))
         self._until.append(until)
 
     def compose(self, ambient: float) -> HeatRecord:
-        """All of it, with the mean power from each of the times to the next, from the last to the end."""
+        """Return the record with the mean power between consecutive temperature samples [W]."""
         times = np.array([*self._times, self._until[-1]])
         heat = np.array([np.interp(times, self._until, joules) for joules in np.transpose(self._joules)])
         power = np.diff(heat) / np.diff(times)
@@ -181,7 +181,7 @@ class _Record:
 
 
 def _pause(session: DriverSession, device: SphericalElectromagnet, start: float, second: int, rate: float) -> int:
-    """Coils off until a second begins: which."""
+    """Keep the coils off until the next full second; return its number."""
     session.reengage()
     after = max(second + 1, ceil((session.now() - start + _MIN_PAUSE_S) / _BIN_S))
     session.hold(np.zeros(device.channels), start + after * _BIN_S - session.now(), rate=rate)

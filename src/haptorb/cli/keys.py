@@ -1,4 +1,4 @@
-"""`haptorb keys`: the keys of device, study and design files with meaning, unit, range and default, in the terminal."""
+"""`haptorb keys`: print the keys of device, study and design files with meaning, unit, range and default."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ __all__ = ["FILES", "FileKeys", "KeySection", "register"]
 
 
 class KeySection(NamedTuple):
-    """Part of a kind of file: a table, or all of it."""
+    """The keys of one table of a file, or of the whole file."""
 
     title: str
     keys: tuple[KeyText, ...]
 
 
 class FileKeys(NamedTuple):
-    """One kind of file: what it is, and its keys."""
+    """One kind of file: description and keys."""
 
     text: str
     list_sections: Callable[[], list[KeySection]]
 
 
 def list_device_sections() -> list[KeySection]:
-    """The keys of a device file, one section for each kind of device."""
+    """List the keys of a device file, one section for each kind of device."""
     from haptorb.devices.base import kind_names, kind_of_name
     from haptorb.devices.schema import list_keys
 
@@ -41,7 +41,7 @@ def list_device_sections() -> list[KeySection]:
 
 
 def list_mapping_sections() -> list[KeySection]:
-    """The keys of a mapping file."""
+    """List the keys of a mapping file."""
     from haptorb.devices.schema import list_keys
     from haptorb.runtime.trackers.formats import MappingFile
 
@@ -112,7 +112,7 @@ def _select(sections: list[KeySection], word: str | None) -> list[KeySection]:
 
 
 def _describe_value(key: KeyText) -> str:
-    """Kind of value, usual units, range and default."""
+    """Describe type, unit, range and default of a value."""
     unit = "" if key.unit in ("", "1", "none") else f" [{key.unit}]"
     span = "" if key.range in ("", "any", "the keys below") else f", {key.range}"
     default = "required" if key.default == "required" else f"default: {key.default}" if key.default else ""

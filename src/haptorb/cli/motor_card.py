@@ -32,16 +32,12 @@ if TYPE_CHECKING:
 __all__ = ["MotorCard"]
 
 
-# --------------------------------------------------------------------------------------------------
-# The card of a spherical motor: torque about each axis, condition and heat over the workspace, and who carries it.
-
-
 _AXES = ("X", "Y", "Z")
 
 
 @final
 class MotorCard(Card):
-    """Torques are about the stator's axes, each alone, by the table of the exact model."""
+    """Card of a motor: torques about the stator's axes, each alone, interpolated from the exact model."""
 
     _device: SphericalMotor
 
@@ -52,7 +48,7 @@ class MotorCard(Card):
         self._righting_torques = _righting_torques(device)
 
     def numbers(self) -> dict[str, Any]:
-        """Everything on the card as plain JSON types."""
+        """Return everything on the card as plain JSON types."""
         device, capability = self._device, self._capability
         tables = device.tables
         return {
@@ -81,7 +77,7 @@ class MotorCard(Card):
         }
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the card on `console`."""
         device, capability = self._device, self._capability
         tilt, regulator, weight, rest = self._righting_torques
         more = [
@@ -135,7 +131,7 @@ class MotorCard(Card):
         print_text(console, f"assumed: {len(device.assumed)} values (--assumed lists them with their reasons)")
 
     def quantities(self) -> list[Quantity]:
-        """Those of every device, and torque, condition and heat of a motor."""
+        """Return the common quantities, and torque, condition and heat of a motor."""
         device, capability = self._device, self._capability
         peak, lasting, power = capability.peak, capability.continuous, capability.power
         return [
@@ -153,7 +149,7 @@ class MotorCard(Card):
         ]  # fmt: skip
 
     def curves(self) -> list[Curve]:
-        """Torque about each axis over the tilt ψ, the other tilt and the spin at their worst; endurance."""
+        """Return torque about each axis over the tilt ψ, worst over the other tilt and the spin; endurance."""
         capability = self._capability
         degrees = np.degrees(capability.tilts)
         return [
@@ -169,8 +165,8 @@ class MotorCard(Card):
         ]  # fmt: skip
 
     def draw(self) -> Figure:
-        """Maps over tilt (worst spin) of torque, condition and heat, the channels' shares, and what holds the rotor
-        upright."""
+        """Draw maps over tilt (worst spin) of torque, condition and heat, the channels' shares, and the passive
+        restoring torque."""
         from matplotlib.figure import Figure
 
         capability = self._capability
@@ -212,7 +208,7 @@ class MotorCard(Card):
 
 
 def _righting_torques(device: SphericalMotor) -> Array:
-    """(4, n): tilt [rad], and what turns the rotor back upright at zero current [N·m]: regulator, weight, both."""
+    """Return tilt [rad] and restoring torques at zero current [N·m] (4, n): regulator, weight, both."""
     tilt = np.linspace(0.0, device.workspace_tilt, 46)
     both = np.array([device.passive(rotation_from_euler(0.0, angle, 0.0))[4] for angle in tilt])
     weight = device.rotor.mass * GRAVITY * device.rotor.centre_of_mass * np.sin(tilt)

@@ -1,4 +1,4 @@
-"""Exact, published and fitted model of one part of a spherical motor, compared where it meets its counterparts."""
+"""Exact, published and fitted multipole model of one motor part, compared where it meets its counterparts."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from haptorb.terminal import Column, TextTable, print_table, print_text
 __all__ = ["PARTS", "FitComparison", "compare"]
 
 PARTS = ("magnet", "coil")
-_HALF_ANGLE = 1.0  #: [rad] about the part's axis: beyond it the field is too small to matter
-_SAME = 41  #: pole pairs of the published magnet model
+_HALF_ANGLE_RAD = 1.0  #: evaluated cone about the part's axis [rad]: beyond it the field is negligible
+_PUBLISHED_POLE_PAIRS = 41  #: pole pairs of the published magnet model
 
 
 @dataclass(frozen=True)
 class FitComparison(NotebookReport):
-    """A fitted model beside the one in the device's file, both against the exact field in the same region."""
+    """A fitted model and the one in the device file, both against the exact field in the same region."""
 
     device: str
     part: str
     body: RoundBody
     fitted: MultipoleFit
     published: MultipoleFit | None
-    gap: tuple[float, float]  #: distances from the part's centre, along its axis, between which the gap lies [m]
+    gap: tuple[float, float]  #: range of distances from the part's centre along its axis that spans the gap [m]
 
     def _summarize(self) -> str:
         beside = "fitted and published" if self.published else "fitted"
         return f"<FitComparison of the {self.part} of {self.device}: {beside} model against the exact field>"
 
     def numbers(self) -> dict[str, Any]:
-        """Everything as plain JSON types."""
+        """Return everything as plain JSON types."""
         return {
             "device": self.device,
             "part": self.part,
@@ -49,7 +49,7 @@ class FitComparison(NotebookReport):
         }
 
     def toml(self) -> str:
-        """The section to put into a device file."""
+        """Return the section for a device file."""
         model, section = self.fitted.model, "magnets" if self.part == "magnet" else "electromagnets"
         strengths = ", ".join(f"{value:.6g}" for value in model.loop_strengths)
         return (
@@ -60,7 +60,7 @@ class FitComparison(NotebookReport):
         )
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the comparison on `console`."""
         print_text(console, f"{self.part} of {self.device}", "bold")
         print_text(console, repr(self.body))
         table = TextTable(
@@ -124,7 +124,7 @@ def compare(
     most_dipoles: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> FitComparison:
-    """Fit a model with at most `most_dipoles` pole pairs (else as many as the file's has) to `part` of `motor`."""
+    """Fit a model with at most `most_dipoles` pole pairs (None: as many as in the file) to `part` of `motor`."""
     if part not in PARTS:
         raise UnknownName("part of a motor", part, PARTS)
     magnet, coil = motor.magnet, motor.electromagnet
@@ -137,9 +137,9 @@ def compare(
         body, distance, counterpart, beyond = coil, motor.electromagnets.distance, magnet, motor.magnets.distance
         stored = motor.coil_model
     half = 0.5 * counterpart.length
-    region = shell_region(distance, beyond - half, beyond + half, _HALF_ANGLE)
+    region = shell_region(distance, beyond - half, beyond + half, _HALF_ANGLE_RAD)
     region = region[~body.contains(region)]
-    most = most_dipoles or (stored.dipoles if stored is not None else _SAME)
+    most = most_dipoles or (stored.dipoles if stored is not None else _PUBLISHED_POLE_PAIRS)
     fitted = fit_multipole(body, region, most_dipoles=most, progress=progress)
     face = 0.5 * body.length
     toward = 1.0 if beyond > distance else -1.0

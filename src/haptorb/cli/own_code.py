@@ -17,14 +17,14 @@ _announced: set[tuple[Path, str]] = set()
 
 
 def announce_code(path: Path, name: str) -> None:
-    """Print once that the code of the file `path` runs now; `name` is the object that is used of it."""
+    """Print once that the code of the file `path` is executed; `name` is the object taken from it."""
     if (path, name) not in _announced:
         _announced.add((path, name))
         say(f"Running the code of {path}" + (f" ({name})" if name else ""))
 
 
 def start_world_file(file: WorldFile) -> World:
-    """The world in `file`, which a person named: its code runs, and recordings of it may run the same code again.
+    """Load the world in `file`, which the user named: its code is executed, and replays of recordings may do so again.
 
     Raises what `WorldFile.load` raises.
     """

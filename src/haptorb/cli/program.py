@@ -1,6 +1,6 @@
-"""The program `haptorb`: its commands, and how it ends.
+"""The program `haptorb`: its commands and exit codes.
 
-Exit codes: 0 done, 1 the command ran and its verdict is no, 2 a mistake that the message explains, 130 interrupted,
+Exit codes: 0 success, 1 the command ran and its check failed, 2 user error explained by a message, 130 interrupted,
 143 and 129 ended by SIGTERM and SIGHUP.
 """
 
@@ -25,7 +25,7 @@ from haptorb.version import __version__
 
 __all__ = ["app", "main"]
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  #: disk, quota, file
+_DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  #: errors of a full disk, exceeded quota, too large file
 
 app = CommandLine(
     name="haptorb",
@@ -35,7 +35,7 @@ app = CommandLine(
 
 
 def tell_version(wanted: bool) -> None:
-    """Print the version and end, before anything else is looked at."""
+    """Print the version and exit, before other options are evaluated."""
     if wanted:
         tell(f"haptorb {__version__}")
         raise typer.Exit
@@ -50,18 +50,18 @@ def start(
     """Design, simulate and run spherical electromagnetic haptic devices."""
 
 
-#: extra → what it installs that a command imports without a message of its own
+#: extra → packages that it installs and that commands import without a message of their own
 _EXTRAS = {
     "study": ("sqlalchemy", "pyarrow", "psycopg", "pylsl"),
     "design": ("sqlalchemy", "tomli_w", "threadpoolctl", "pymoo"),
 }
-_OF_THE_CLONE = ("haptorb_bench", "haptorb_papers")  #: in no wheel
+_REPOSITORY_PACKAGES = ("haptorb_bench", "haptorb_papers")  #: packages of the source repository that no wheel contains
 
 
 def explain_missing(command: str, missing: ModuleNotFoundError) -> str:
-    """Why `command` cannot run without the missing module, and what to install; "" if no extra installs it."""
+    """Explain why `command` cannot run without the missing module, and what to install; "" if no extra installs it."""
     package = str(missing.name).partition(".")[0]
-    if package in _OF_THE_CLONE:
+    if package in _REPOSITORY_PACKAGES:
         return f"`haptorb {command}` is part of the source repository, not of the installed package: run it in a clone"
     extras = [extra for extra, packages in _EXTRAS.items() if package in packages]
     if extras:
@@ -71,7 +71,7 @@ def explain_missing(command: str, missing: ModuleNotFoundError) -> str:
 
 
 def _register_missing(point: EntryPoint, missing: ModuleNotFoundError) -> None:
-    """Register a command that only says what it needs; the commands of one broken package do not end all others."""
+    """Register a stub command that reports the missing module; other packages' commands stay available."""
     package = point.module.partition(".")[0]
     why = explain_missing(point.name, missing) or f"`haptorb {point.name}`, of {package}, cannot be loaded: {missing}"
 
@@ -91,13 +91,13 @@ for point in entry_points(group="haptorb.commands"):
 
 @cache
 def _command() -> Callable[..., Any]:
-    """All commands with their options, put together once a process: it takes longer than most commands."""
+    """Build all commands with their options, once per process: it takes longer than most commands."""
     return typer.main.get_command(app)
 
 
 @contextmanager
 def report_damage() -> Iterator[None]:
-    """Say on standard error, wherever a command opens a damaged recording, what is missing of it."""
+    """Report missing parts on standard error whenever a command opens a damaged recording."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", RecordingWarning)
         show = warnings.showwarning
@@ -113,8 +113,8 @@ def report_damage() -> Iterator[None]:
 
 
 def check_secrets(words: list[str]) -> None:
-    """Raises InputError for a database's address with a password: every account of the computer can read the words of a
-    command (`ps`) for as long as it runs."""
+    """Raise InputError for a database address with a password: every account of the computer can read the arguments of
+    a command (`ps`) while it runs."""
     for word in words:
         place = word.partition("=")[2] if word.startswith("--") else word
         if not place.startswith("postgres") or "://" not in place:
@@ -130,7 +130,7 @@ def check_secrets(words: list[str]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; a user's mistake is one message, never a traceback."""
+    """Run the command line; a user error prints one message without a traceback."""
     open_output()
     use_ascii_fallback()
     try:
@@ -153,7 +153,7 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # `haptorb devices | head` is no mistake
         sys.stderr.close()
     except OSError as cause:
-        if cause.errno not in _FULL:
+        if cause.errno not in _DISK_FULL_ERRORS:
             raise
         drop_output()
         say(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}")

@@ -1,4 +1,4 @@
-"""Bars for what takes longer than a moment: a motor's pair tables, or a step in which a person does something."""
+"""Progress bars for operations that take longer than a second: table computation, calibration steps."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from haptorb.terminal import make_progress
 
 __all__ = ["build_tables", "time_bar"]
 
-_WIDTH = 40  #: of a bar, in characters
-_DRAWN = 0.5  #: between two updates of a bar, by the reported time [s]
+_BAR_CHARACTERS = 40  #: width of a bar in characters
+_MIN_UPDATE_S = 0.5  #: least interval between two updates of a bar, by the reported time [s]
 
 
 def build_tables(device: Device) -> None:
-    """Build the tables of `device` if it has any, with a bar on standard error while the exact model is asked.
+    """Build the tables of `device` if it has any, with a progress bar on standard error as the exact model runs.
 
     Nothing is drawn where the tables come from the cache, or where standard error is not a terminal.
     """
@@ -33,11 +33,11 @@ def build_tables(device: Device) -> None:
 
 @contextmanager
 def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
-    """A bar that fills within so many seconds; returns a function to call with the time passed [s].
+    """Show a bar that fills within `seconds`; yield a function that takes the elapsed time [s].
 
-    Nothing is drawn where standard error is not a terminal. A plain line, drawn twice a second by the thread that
-    reports the time: a fine one takes milliseconds, or a thread that holds the interpreter, and a thread with a
-    watchdog waits.
+    Nothing is drawn unless standard error is a terminal. The bar is a plain line, drawn twice a second by the calling
+    thread: an elaborate one takes milliseconds, or a second thread that holds the interpreter lock, while the caller
+    must serve a watchdog.
     """
     screen = sys.stderr
     if not screen.isatty():
@@ -48,10 +48,12 @@ def time_bar(title: str, seconds: float) -> Iterator[Callable[[float], None]]:
     def advance(more: float) -> None:
         nonlocal total, drawn
         total += more
-        if total - drawn >= _DRAWN:
+        if total - drawn >= _MIN_UPDATE_S:
             drawn = total
-            full = round(_WIDTH * min(total / seconds, 1.0))
-            screen.write(f"\r    {title} {'━' * full}{' ' * (_WIDTH - full)} {max(seconds - total, 0.0):4.0f} s ")
+            full = round(_BAR_CHARACTERS * min(total / seconds, 1.0))
+            screen.write(
+                f"\r    {title} {'━' * full}{' ' * (_BAR_CHARACTERS - full)} {max(seconds - total, 0.0):4.0f} s "
+            )
             screen.flush()
 
     try:

@@ -1,4 +1,4 @@
-"""`haptorb info` and `export`: what a recording holds, and its numbers for other programs."""
+"""`haptorb info` and `export`: summarise a recording, and write its values for other programs."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def check_rows(recording: Recording, *, show: bool) -> None:
 
 
 def list_missing(recording: Recording) -> dict[str, Any]:
-    """What is missing because the file is damaged or cut, as JSON has it; `rows_missing` null: unknown."""
+    """Return the rows and notes that are missing through damage or a cut, as JSON; `rows_missing` null: unknown."""
     counts = [one.rows for one in recording.missing]
     first = float(recording["t"][0]) if len(recording) and "t" in {one.name for one in recording.fields} else 0.0
     return {
@@ -119,7 +119,7 @@ def list_missing(recording: Recording) -> dict[str, Any]:
 
 
 def report_end(recording: Recording) -> None:
-    """That the end is missing, on standard error; damage is reported wherever a recording is opened."""
+    """Report a missing end on standard error; other damage is reported wherever a recording is opened."""
     from haptorb.recording.recording import list_losses
 
     if recording.truncated:
@@ -214,7 +214,7 @@ def export(
 
 
 def parse_time(option: str, text: str | None) -> float | None:
-    """[s] of a time with its unit; a plain number is in seconds. InputError, naming the `option`, for anything else."""
+    """Parse a time with its unit [s]; a plain number is in seconds. InputError, naming `option`, for other text."""
     from haptorb.devices.quantity import si
 
     if text is None:

@@ -46,7 +46,7 @@ def replay(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Run a recording again and compare every number of every tick. Can replace world, estimator, model or rate."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the loop: sums in another order are other numbers
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the loop: the order of summation affects rounding
     from haptorb.cli.recording import check_rows, list_missing, report_end
     from haptorb.figure_file import check_figure_file
     from haptorb.recording.recording import Recording
@@ -101,7 +101,7 @@ def _choose_world(name: str, settings: list[str], device: Device) -> World:
 
 
 def _verify(recording: Recording, recorded_world: bool, *, show: bool) -> Replay:
-    """Replay on all processors: nothing but the verdict is asked."""
+    """Replay on all processors, for the verdict alone."""
     from haptorb.replay.parallel import replay_in_parts
 
     with make_progress(show=show) as bar:
@@ -112,7 +112,7 @@ def _verify(recording: Recording, recorded_world: bool, *, show: bool) -> Replay
 
 
 def _run(run: Replay, out: Path | None, compare: Path | None, name: str, *, show: bool) -> None:
-    """Replay, and write what is asked."""
+    """Replay, and write the requested output files."""
     from haptorb.cli.replay_report import SHOWN, Curves, draw_comparison
     from haptorb.figure_file import write_figure
 

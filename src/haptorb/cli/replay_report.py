@@ -1,4 +1,4 @@
-"""Report of a replay as text and as numbers."""
+"""Report of a replay as text and as JSON."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = [
 
 
 def tell_verdict(replay: Replay) -> str:
-    """Whether every number is the same, or where the first one differs."""
+    """Describe whether all values agree, or where the first one differs."""
     found = replay.comparison
     ticks = f"{found.compared} ticks"
     if replay.replaced:
@@ -54,7 +54,7 @@ def _tell_share(found: RunComparison) -> str:
 
 
 def list_replay_facts(replay: Replay) -> list[tuple[str, str]]:
-    """Names and texts: what ran, the first difference, and what stands in for what."""
+    """List names and texts: what was replayed, the first difference, and substituted parts."""
     facts = [("verdict", tell_verdict(replay))]
     first = replay.comparison.first
     if first is not None:
@@ -75,7 +75,7 @@ def _describe(first: Difference) -> str:
 
 
 def difference_table(replay: Replay) -> TextTable:
-    """The fields that differ: in how many ticks, by at most how much, and how large they are."""
+    """Return the table of fields that differ: number of ticks, largest difference, and magnitude."""
     table = TextTable(
         (
             Column("field", kind="key"), Column("from tick", kind="short"), Column("ticks", kind="short"),
@@ -91,7 +91,7 @@ def difference_table(replay: Replay) -> TextTable:
 
 
 def list_numbers(replay: Replay, seconds: float, took: float) -> dict[str, Any]:
-    """The same as plain JSON types; `seconds` of the run that took `took` [s]."""
+    """Return the same as plain JSON types; `seconds` is the length of the run, `took` the computing time [s]."""
     found, first = replay.comparison, replay.comparison.first
     return {
         "identical": found.identical and not replay.approximate,
@@ -136,37 +136,37 @@ def list_numbers(replay: Replay, seconds: float, took: float) -> dict[str, Any]:
 
 
 # --------------------------------------------------------------------------------------------------
-# A recorded run and its replay in one picture: what was asked, given by the model, and wanted of the coils.
+# Figure of a recorded run and its replay: commanded wrench, model wrench, commanded currents.
 
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  #: Okabe and Ito's
-SHOWN = ("t", "asked", "wanted", "p", "w")  #: fields
+SHOWN = ("t", "asked", "wanted", "p", "w")  #: fields that are drawn
 
 
 @final
 class Curves:
-    """Collects what is drawn of blocks of rows of `layout`."""
+    """Collects the drawn fields from blocks of rows of `layout`."""
 
     def __init__(self, layout: RowLayout) -> None:
         self._layout = layout
         self._parts: dict[str, list[Array]] = {name: [] for name in SHOWN}
 
     def add(self, rows: Array) -> None:
-        """Rows (n, width), each number in the unit of its field."""
+        """Append rows (n, width), each value in the unit of its field."""
         for name in SHOWN:
             self._parts[name].append(rows[:, self._layout[name]].copy())
 
     def fields(self) -> dict[str, Array]:
-        """Field → (n, width), in its unit [SI]."""
+        """Return field → values (n, width) [SI]."""
         return {name: np.concatenate(parts) for name, parts in self._parts.items()}
 
 
 def draw_comparison(
     recorded: Mapping[str, Array], replayed: Mapping[str, Array], coils: Sequence[str], title: str
 ) -> Figure:
-    """Recorded pale, replayed dashed: force or torque asked, its difference, currents wanted, and the mover's way.
+    """Draw recorded (pale) and replayed (dashed) runs: force or torque, its difference, currents, and motion.
 
-    Both: field → (n, width) in SI, at their own times "t" [s]. coils: their names.
+    Both: field → (n, width) in SI, with their own times "t" [s]. coils: their names.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -214,7 +214,7 @@ def _draw_both(
 
 
 def _subtract(recorded: Mapping[str, Array], replayed: Mapping[str, Array], part: slice) -> tuple[Array, Array]:
-    """Times (n,) [s] of the replay, and (n, 3) by how much its wrench is off the newest recorded one [N or N·m]."""
+    """Return the replay's times (n,) [s] and its wrench minus the latest recorded one (n, 3) [N or N·m]."""
     t, then = replayed["t"][:, 0], recorded["t"][:, 0]
     at = np.clip(np.searchsorted(then, t + 1e-7, side="right") - 1, 0, len(then) - 1)
     return t, replayed["asked"][:, part] - recorded["asked"][at, part]

@@ -1,4 +1,4 @@
-"""`haptorb run`: a device, a world under its mover, and the console in the browser; the main job."""
+"""`haptorb run`: run a device with a world, and serve the console in the browser."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AddressOption", "HostOption", "describe_tracking", "register", "tell_missing_pose", "tell_part"]
 
-#: of every command that opens a page
+#: option of every command that serves a page
 HostOption = Annotated[
     str, typer.Option(help="Address to listen on; 0.0.0.0: other computers reach the page, with its token.")
 ]
@@ -36,15 +36,15 @@ AddressOption = Annotated[
 
 
 # --------------------------------------------------------------------------------------------------
-# Say at the terminal, once, which part of a wrench is rendered and what of it cannot be had.
+# Report once, on the terminal, which part of the wrench is rendered and what is left out.
 
 
-_CHECK_INTERVAL_S = 0.2  #: between two looks [s]: a world that does not say what it asks is found out in its ticks
+_CHECK_INTERVAL_S = 0.2  #: polling interval: a world without a declared part is classified while it runs
 
 
 @contextmanager
 def tell_part(servo: Servo) -> Iterator[None]:
-    """For as long as the block lasts: a line for each part of the wrench when it is rendered first."""
+    """While the block runs, print a line when a part of the wrench is rendered for the first time."""
     from haptorb.worlds.base import PARTS
 
     ended, known = Event(), set[str]()
@@ -70,16 +70,16 @@ def tell_part(servo: Servo) -> Iterator[None]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Say at the terminal what a running servo waits for while its tracker sends no pose, and at the end how they came.
+# Report on the terminal what a servo waits for while its tracker sends no pose, and statistics of the poses at the end.
 
 
-_FIRST_CHECK_S = 2.0  #: from the start to the first look [s]
-_REPEAT_INTERVAL_S = 10.0  #: between two lines while counts change [s]
+_FIRST_CHECK_S = 2.0  #: delay of the first check after the start
+_REPEAT_INTERVAL_S = 10.0  #: least interval between two lines while counts change
 
 
 @contextmanager
 def tell_missing_pose(servo: Servo) -> Iterator[None]:
-    """For as long as the block lasts: a line 2 s after the start if no pose is valid, another whenever its counts have
+    """While the block runs, print a line 2 s after the start if no pose is valid, and again whenever its counts have
     changed, at most every 10 s."""
     ended = Event()
 
@@ -103,7 +103,7 @@ def tell_missing_pose(servo: Servo) -> Iterator[None]:
 
 
 def describe_tracking(name: str, poses: dict[str, Any]) -> str:
-    """One line on how the poses of the tracker `name` came, from `tracking` of the run's report [Hz, ms]."""
+    """Summarise the poses of the tracker `name` in one line, from `tracking` of the run's report [Hz, ms]."""
     if not poses["accepted"]:
         text = "no pose accepted"
     else:
@@ -223,7 +223,7 @@ def run(
     from haptorb.web.server import PageAddress
 
     where = PageAddress(host, address)
-    with PrestartedProcess() as standby:  # it loads while this process does, and reads the device file
+    with PrestartedProcess() as standby:  # it starts while this process does, and reads the device file
         from haptorb.cli.progress import build_tables
         from haptorb.cli.world_option import choose_scene_option, choose_world_option, refuse_scene_options
         from haptorb.devices.loader import load
@@ -341,7 +341,7 @@ def _run_with_console(
 
 @contextmanager
 def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
-    """Run `servo` and close it on the way out, the loop first; when the start takes long, say why."""
+    """Run `servo` and close it on exit, the loop first; explain a slow start."""
     hint = Timer(
         3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
     )
@@ -370,7 +370,7 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
 
 
 def _close(servo: Servo, serving: Serving) -> None:
-    """The loop first. A signal meanwhile has its effect when both are closed: each would raise it at its end."""
+    """Close the loop first. A signal meanwhile is handled after both are closed: either would raise it at its end."""
 
     def close(_: Event) -> None:
         servo.end_loop()

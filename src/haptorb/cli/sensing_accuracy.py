@@ -31,19 +31,22 @@ __all__ = ["SensingAccuracy", "SensingRow", "compute_row", "sensing_accuracy", "
 
 
 # --------------------------------------------------------------------------------------------------
-# How well the field sensors tell where the tool is, and what force that costs: `haptorb inspect DEVICE --sensing`.
+# `haptorb inspect DEVICE --sensing`: errors of the tool pose, and the resulting errors of the force.
 
 
-ASKED = 0.3  #: force that is asked [N]
-_EDDY_FREQUENCY = 50.0  #: at which the core's lag is stated [Hz]
-_STEEL = (0.03, 0.12)  #: radius of a steel ball, and how far it is from the centre, anywhere but above [m]
-_MOMENTS = 3e-3  #: of the moment map's entries after the step `magnetic`, relative, with sensors that are 1 % off
-_DRAWS = 6  #: of a wrong pose at each place
+ASKED = 0.3  #: commanded force [N]
+_EDDY_FREQUENCY_HZ = 50.0  #: frequency at which the core's lag is evaluated [Hz]
+_STEEL_BALL_M = (
+    0.03,
+    0.12,
+)  #: radius of a steel ball and its distance from the centre, in any direction but upwards [m]
+_MOMENT_ERROR = 3e-3  #: relative error of the moment map after the step `magnetic`, with sensors of 1 % gain error
+_POSE_DRAWS = 6  #: sampled pose errors at each place
 
 
 @dataclass(frozen=True)
 class SensingCase:
-    """One state of knowledge of one device's sensors."""
+    """One device and the knowledge about its sensors."""
 
     name: str
     device: SphericalElectromagnet
@@ -52,30 +55,30 @@ class SensingCase:
 
 @dataclass(frozen=True)
 class SensingRow:
-    """Root mean squares over the shell: tool held radially, all coils at `current` [A]."""
+    """Root mean squares over the shell: radial tool, all coils at `current` [A]."""
 
     name: str
     current: float  #: [A]
-    place: float  #: error of the tool's place, tracker [m]
-    axis: float  #: error of its axis, tracker [rad]
-    bound: float  #: least possible error of the place, Cramér and Rao [m]
-    force: float  #: error of the force that is given when 0.3 N are asked [N]
+    place: float  #: position error of the tool, by the tracker [m]
+    axis: float  #: direction error of its axis, by the tracker [rad]
+    bound: float  #: lower bound of the position error, Cramér and Rao [m]
+    force: float  #: force error at a commanded force of 0.3 N [N]
     jnd: float  #: the same in just-noticeable differences
 
 
 @dataclass(frozen=True)
 class SensingAccuracy:
-    """The table of one device."""
+    """Sensing accuracy of one device: a table of cases."""
 
     device: str
     rows: tuple[SensingRow, ...]
 
     def row(self, name: str, current: float) -> SensingRow:
-        """The row of these."""
+        """Return the row of case `name` at `current` [A]."""
         return next(row for row in self.rows if (row.name, row.current) == (name, current))
 
     def numbers(self) -> dict[str, Any]:
-        """Plain JSON types, units in the keys."""
+        """Return plain JSON types, units in the keys."""
         return {
             "device": self.device,
             "asked_n": ASKED,
@@ -94,7 +97,7 @@ class SensingAccuracy:
         }
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the table on `console`."""
         table = TextTable(
             (
                 Column("lasting errors", kind="key"), Column("coils", "A"), Column("place", "mm"), Column("axis", "°"),
@@ -118,7 +121,7 @@ class SensingAccuracy:
 
 
 def sensing_accuracy(device: Device) -> SensingAccuracy:
-    """The table of `device`; InputError for one whose field sensors do not locate a tool."""
+    """Compute the table of `device`; InputError if its field sensors cannot locate a tool."""
     located = electromagnet(device, "`haptorb inspect --sensing`")
     if located.sensors < 2:
         raise InputError(
@@ -130,7 +133,7 @@ def sensing_accuracy(device: Device) -> SensingAccuracy:
 
 
 def summarize_sensing(device: SphericalElectromagnet) -> str:
-    """One line for the card: all errors of the device file, coils at full current, before and after calibration."""
+    """Summarise for the card: all errors of the device file, coils at full current, before and after calibration."""
     current = float(device.driven_current.min())
     wanted = ("all, not calibrated", "all, calibrated: sensors")
     before, after = (compute_row(case, current) for case in sensing_cases(device, readings=120) if case.name in wanted)
@@ -142,15 +145,15 @@ def summarize_sensing(device: SphericalElectromagnet) -> str:
 
 
 def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterator[SensingCase]:
-    """What is tried: each error alone, and all of them before and after each step of a calibration.
+    """Yield the cases: each error alone, then all together before and after each step of a calibration.
 
-    readings: of the tool, in the step `sensors`.
+    readings: number of readings of the tool in the step `sensors`.
     """
     k, errors, core = device.sensors, device.hall.errors, device.core_dynamics
     heat = device.coils.heat
     warmth = device.hall.warming * (heat.derate - heat.ambient)
     drift = (errors.offset_drift * warmth, errors.gain_drift * warmth)
-    eddy = core.spread * core.lag(_EDDY_FREQUENCY)
+    eddy = core.spread * core.lag(_EDDY_FREQUENCY_HZ)
     none, ideal = SensorErrors(), without_errors(device)
     yield SensingCase("none: noise and quantisation only", ideal, SensorKnowledge.of(none, k))
     for name, text in (
@@ -165,27 +168,27 @@ def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterat
     yield SensingCase(f"drift over {warmth:.0f} K", ideal, replace(SensorKnowledge.of(none, k), drift=drift))
     yield SensingCase("remanence", device, replace(SensorKnowledge.of(none, k), remanent=core.remanent_moment))
     yield SensingCase(
-        f"core's lag {100 * core.spread:.0f} % off, currents at {_EDDY_FREQUENCY:.0f} Hz", device,
+        f"core's lag {100 * core.spread:.0f} % off, currents at {_EDDY_FREQUENCY_HZ:.0f} Hz", device,
         replace(SensorKnowledge.of(none, k), eddy=eddy),
     )  # fmt: skip
     earth = 0.0 if device.tolerance is None else device.tolerance.earth_field / math.sqrt(3)
     if earth:
         text = f"earth's field {format_quantity(math.sqrt(3) * earth, 'T')}, in any direction"
         yield SensingCase(text, ideal, replace(SensorKnowledge.of(none, k), uniform=earth))
-    radius, away = _STEEL
+    radius, away = _STEEL_BALL_M
     text = f"steel ball of {1e3 * radius:.0f} mm radius, {1e3 * away:.0f} mm away"
-    yield SensingCase(text, ideal, replace(SensorKnowledge.of(none, k), steel=_STEEL))
+    yield SensingCase(text, ideal, replace(SensorKnowledge.of(none, k), steel=_STEEL_BALL_M))
     rest = {"drift": drift, "remanent": core.remanent_moment}
     every = SensorKnowledge.of(errors, k, uniform=earth)
     yield SensingCase("all, not calibrated", device, replace(every, **rest))  # type: ignore[arg-type]
-    known = SensorKnowledge.of(replace(errors, offset=0.0), k, moments=_MOMENTS)
+    known = SensorKnowledge.of(replace(errors, offset=0.0), k, moments=_MOMENT_ERROR)
     yield SensingCase("all, calibrated: magnetic", device, replace(known, **rest))  # type: ignore[arg-type]
     found = predict_knowledge(device, readings)
     part = replace(known, coils=found.coils)
     yield SensingCase("all, calibrated: fields", device, replace(part, **rest))  # type: ignore[arg-type]
     yield SensingCase("all, calibrated: sensors", device, replace(found, **rest))  # type: ignore[arg-type]
     moving = replace(found, **rest, eddy=eddy)  # type: ignore[arg-type]
-    yield SensingCase(f"the same, currents at {_EDDY_FREQUENCY:.0f} Hz", device, moving)
+    yield SensingCase(f"the same, currents at {_EDDY_FREQUENCY_HZ:.0f} Hz", device, moving)
     if k == len(better_sensors(device)):
         ringed = with_sensors(device, better_sensors(device))
         there = replace(predict_knowledge(ringed, readings), **rest)  # type: ignore[arg-type]
@@ -193,7 +196,7 @@ def sensing_cases(device: SphericalElectromagnet, readings: int = 360) -> Iterat
 
 
 def compute_row(case: SensingCase, current: float) -> SensingRow:
-    """Root mean squares over the shell for `case`, all coils at `current` [A]."""
+    """Compute root mean squares over the shell for `case`, all coils at `current` [A]."""
     device = case.device
     currents = np.full(device.channels, current)
     places, weights = shell_sample(device)
@@ -210,12 +213,12 @@ def compute_row(case: SensingCase, current: float) -> SensingRow:
 
 
 def _force_error(device: SphericalElectromagnet, p: Array, covariance: Array, draw: np.random.Generator) -> float:
-    """Mean square [N²] of the error of the force given at p (3,) [m], radial tool, where the pose is wrong."""
+    """Return the mean square force error [N²] at p (3,) [m], radial tool, caused by pose errors with `covariance`."""
     R = rotation_to_axis(p)
     true = device.wrench_map(_state(p, R), device.models[0])
     root = np.linalg.cholesky(covariance + 1e-18 * np.eye(5))
     total = 0.0
-    for _ in range(_DRAWS):
+    for _ in range(_POSE_DRAWS):
         wrong = root @ draw.standard_normal(5)
         axis = R[:, 2] + wrong[3] * np.cross(R[:, 0], R[:, 2]) + wrong[4] * np.cross(R[:, 1], R[:, 2])
         believed = device.wrench_map(_state(p + wrong[:3], rotation_to_axis(axis)), device.models[0])
@@ -224,7 +227,7 @@ def _force_error(device: SphericalElectromagnet, p: Array, covariance: Array, dr
         currents = np.linalg.lstsq(believed.matrix[:3], asked - believed.passive[:3], rcond=None)[0]
         given = true.matrix[:3] @ currents + true.passive[:3]
         total += float(((given - asked) ** 2).sum())
-    return total / _DRAWS
+    return total / _POSE_DRAWS
 
 
 def _state(p: Array, R: Array) -> State:

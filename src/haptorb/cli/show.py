@@ -1,4 +1,4 @@
-"""`haptorb devices`, `worlds`, `inspect` and `show`: what is there, what it can do, and what it looks like."""
+"""`haptorb devices`, `worlds`, `inspect` and `show`: list devices and worlds, print capabilities, draw a device."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def inspect(
 def _budget_errors(
     device: Device, wrench: str | None, estimator: str | None, calibration: Path | None, samples: int, seed: int
 ) -> ErrorReport:
-    """The error budget, with a bar while it is computed."""
+    """Compute the error budget with a progress bar."""
     from haptorb.cli.error_report import report_errors
     from haptorb.devices.quantity import si
     from haptorb.estimation.calibration import read_calibration

@@ -1,4 +1,4 @@
-"""A record of heating and cooling, from a recording of the loop or from a table (CSV)."""
+"""Thermal record of heating and cooling, from a recording of the loop or from a CSV table."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ __all__ = ["ThermalRecord", "thermal_record"]
 
 
 # --------------------------------------------------------------------------------------------------
-# A record of heating and cooling: from a recording of the loop, or from a table as CSV.
+# A record of heating and cooling: from a recording of the loop, or from a CSV table.
 #
-# Of coupled coils it has all; of coils that do not warm each other, and are alike, one.
+# It holds all coupled coils, or one of several identical coils without coupling.
 
 
-_COLUMNS = ("power_w", "winding_degc", "boundary_degc")  #: of a coil alone; of several power_NAME_w and so on
-_HEAD_BYTES = 256 * 1024  #: bytes by which a file of another kind is recognised
-_BIN_S = 0.5  #: readings of a recording are averaged over so long
+_COLUMNS = ("power_w", "winding_degc", "boundary_degc")  #: columns for one coil; for several power_NAME_w and so on
+_HEAD_BYTES = 256 * 1024  #: bytes read to recognise another kind of file
+_BIN_S = 0.5  #: averaging window of a recording's readings
 _MAX_DURATION_S = 30 * 24 * 3600.0  #: [s]
-_MAX_VALUE = 1e6  #: of any value, in its unit
+_MAX_VALUE = 1e6  #: largest accepted value in any unit
 _MAX_READINGS = 1_000_000  #: readings in a table
-_MIN_CURRENT_A = 0.5  #: current from which the resistance gives a temperature
+_MIN_CURRENT_A = 0.5  #: current from which the resistance gives a usable temperature
 
 
 @dataclass(frozen=True)
 class ThermalRecord:
-    """The course of all coils of `device`, or of one if they are not coupled.
+    """Temperatures and powers of all coils of `device`, or of one if they are not coupled.
 
-    A winding is NaN where no current gave its resistance.
+    A winding temperature is NaN where the current was too small to measure the resistance.
     """
 
     measured: HeatRecord
     device: Device
 
     def identify(self) -> ThermalIdentification | NetworkIdentification:
-        """What explains it; CalibrationError if the record is too short or too cool, or coils were not driven alone."""
+        """Identify the thermal model; CalibrationError if the record is too short or cool, or drove coils together."""
         record, coils = self.measured, self.device.coils
         if coils.heat.coupling is not None:
             return network_identification(record, coils.names, coils.heat)
@@ -60,7 +60,7 @@ class ThermalRecord:
         return thermal_identification(record.t, power, winding, boundary, record.ambient)
 
     def measure(self) -> MeasuredHeat:
-        """The same, as a calibration keeps it."""
+        """Return the identified heat parameters as a calibration stores them."""
         found = self.identify()
         return MeasuredHeat(found.model, found.coupling if isinstance(found, NetworkIdentification) else None)
 
@@ -75,7 +75,7 @@ def thermal_record(path: str | Path, device: Device) -> ThermalRecord:
 
 
 def _columns(device: Device) -> tuple[str, ...]:
-    """t_s, then powers, windings and boundaries, each of all coils."""
+    """Return the column names: t_s, then powers, windings and boundaries, each of all coils."""
     if device.coils.heat.coupling is None:
         return ("t_s", *_COLUMNS)
     named = (column.rsplit("_", 1) for column in _COLUMNS)
@@ -125,7 +125,7 @@ def _from_table(path: Path, device: Device) -> HeatRecord:
 
 
 def _check_series(path: Path, t: Array, values: Array) -> None:
-    """CalibrationError unless time runs forward, for a month at most, and all values are of a size that can be."""
+    """Raise CalibrationError unless time increases, for a month at most, and all values are plausible."""
     if not (np.abs(t) < _MAX_DURATION_S).all() or not (np.diff(t) >= 0).all():
         raise CalibrationError(f"{path}: time must be in seconds and increase, for {_MAX_DURATION_S:.3g} s at most")
     if not (np.abs(values) < _MAX_VALUE).all():

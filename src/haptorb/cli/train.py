@@ -29,8 +29,8 @@ def train(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Train the networks of a motor's `network` estimator on its computed field and torque, and print their errors."""
-    # Matrices this small gain nothing from a second thread, which on a busy machine spends its time waiting in a loop;
-    # the library looks when it is loaded, which is below.
+    # Matrices this small gain nothing from a second thread, which busy-waits on a loaded machine; the library reads the
+    # variable when it is loaded, which is below.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from haptorb.cli.progress import build_tables
     from haptorb.cli.training import train_networks

@@ -1,4 +1,4 @@
-"""Train a motor's networks and say how good they are, over the workspace and on the trajectory of Bai 2012 fig. 4."""
+"""Train a motor's networks and measure their errors, over the workspace and on the trajectory of Bai 2012 fig. 4."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ __all__ = ["Training", "figure_4", "random_workspace", "relative_error", "train_
 
 
 # --------------------------------------------------------------------------------------------------
-# Where estimators are compared: the trajectory of Bai 2012 fig. 4, and the whole workspace; and by which measure.
+# Test sets for estimators: the trajectory of Bai 2012 fig. 4, and the whole workspace; error measure.
 
 
 def figure_4(count: int = 361) -> Array:
-    """(count, 3, 3) one period of ψ = 10° sin t, λ = 5° sin t, φ = 5°.
+    """Return (count, 3, 3) one period of ψ = 10° sin t, λ = 5° sin t, φ = 5°.
 
     >>> figure_4(5).shape
     (5, 3, 3)
@@ -38,7 +38,7 @@ def figure_4(count: int = 361) -> Array:
 
 
 def random_workspace(motor: SphericalMotor, count: int, seed: int) -> Array:
-    """(count, 3, 3) orientations spread evenly over |ψ|, |λ| ≤ the workspace's tilt and all φ."""
+    """Draw (count, 3, 3) orientations uniformly over |ψ|, |λ| ≤ the workspace's tilt and all φ."""
     rng = np.random.default_rng(seed)
     tilt = motor.workspace_tilt
     psi, lam = rng.uniform(-tilt, tilt, (2, count))
@@ -46,7 +46,7 @@ def random_workspace(motor: SphericalMotor, count: int, seed: int) -> Array:
 
 
 def relative_error(found: Array, true: Array) -> float:
-    """NRMSE: root mean square error of all components over their root mean square.
+    """Return the NRMSE: root mean square error of all components over their root mean square.
 
     >>> relative_error(np.array([1.0, 1.0]), np.array([1.0, 0.0]))
     1.0
@@ -54,12 +54,12 @@ def relative_error(found: Array, true: Array) -> float:
     return float(np.sqrt(((found - true) ** 2).mean() / (true**2).mean()))
 
 
-_ORIENTATIONS = 4000  #: that the networks are judged by; none of them was trained on
+_TEST_ORIENTATIONS = 4000  #: test orientations; none of them was used for training
 
 
 @dataclass(frozen=True)
 class Training(NotebookReport):
-    """Networks, where they are kept, and how good they are."""
+    """Trained networks, their file, and their errors."""
 
     networks: TrainedNetworks
     path: Path
@@ -68,7 +68,7 @@ class Training(NotebookReport):
         return f"<Training of {len(self.networks.record['networks'])} networks of {self.networks.device}: {self.path}>"
 
     def numbers(self) -> dict[str, Any]:
-        """All results, as plain JSON types."""
+        """Return all results as plain JSON types."""
         return {
             "device": self.networks.device,
             "digest": self.networks.digest,
@@ -77,7 +77,7 @@ class Training(NotebookReport):
         }
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the results on `console`."""
         record = self.networks.record
         table = TextTable((Column("network of", kind="key"), Column("inputs"), Column("samples"), Column("steps"),
                            Column("rms of training", "%")))  # fmt: skip
@@ -113,9 +113,9 @@ def train_networks(
     overwrite: bool = True,
     report: Callable[[float], None] | None = None,
 ) -> Training:
-    """Networks of `device`, judged and written to `path` (the device's own place in the cache if not given).
+    """Train the networks of `device`, test them and write them to `path` (None: the device's place in the cache).
 
-    Raises InputError before any work where `path` cannot take them.
+    Raises InputError before training if `path` cannot be written.
     """
     if not 1 <= nodes <= 200:
         raise InputError(f"a hidden layer must have 1 to 200 nodes; got {nodes}")
@@ -145,7 +145,7 @@ def train_networks(
             torque.torque(field, usable, found[number], sure)
         return relative_error(found[:, :, chosen], K[:, :, chosen]), relative_error(found, K)
 
-    over, everywhere = judge(random_workspace(known, _ORIENTATIONS, seed + 1))
+    over, everywhere = judge(random_workspace(known, _TEST_ORIENTATIONS, seed + 1))
     record = {
         **networks.record,
         "seconds": seconds,
