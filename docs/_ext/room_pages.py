@@ -122,7 +122,8 @@ def _describe(name: str, thing: object, *, public: bool = False) -> list[str]:
     kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
     lines = [f".. auto{kind}:: {name}"]
     if inspect.isclass(thing):
-        lines += ["   :members:", f"   :exclude-members: {', '.join(getattr(thing, '_fields', ())) or '__none__'}"]
+        fields = getattr(thing, "_fields", ()) if issubclass(thing, tuple) else ()  # of a named tuple
+        lines += ["   :members:", f"   :exclude-members: {', '.join(fields) or '__none__'}"]
         if public:  # methods of internal bases are methods of this class; those of others are described there
             others = {base.__name__ for base in thing.__mro__[1:] if base in _PUBLIC_CLASSES or not _is_own(base)}
             lines += [f"   :inherited-members: {', '.join(sorted(others))}"]
