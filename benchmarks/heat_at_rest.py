@@ -36,7 +36,7 @@ def rest_on(device: str, world: World, rest: float = REST, start: float = 0.0) -
     """
     known = load(device)
     tick = assemble(RunConfig(device=known, world=world, rate=RATE), PointerTracker())
-    row, at = tick.layout.empty(), tick.layout["currents"]
+    row, at = tick.layout.empty(), tick.layout["current_measured"]
     squares, looks = np.zeros(known.channels), 0
     with tick.driver:
         for n in range(round(start * RATE), round((MOVED + rest + LOOK) * RATE)):

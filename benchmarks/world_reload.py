@@ -61,7 +61,7 @@ def find_force(process: subprocess.Popen[str], origin: str, headers: dict[str, s
     while True:
         try:
             event: dict[str, Any] = httpx.get(f"{origin}/api/session", headers=headers, timeout=_PATIENCE).json()
-            return 1 + next(int(one["offset"]) for one in event["columns"] if one["name"] == "asked")
+            return 1 + next(int(one["offset"]) for one in event["columns"] if one["name"] == "wrench_commanded")
         except httpx.ConnectError:  # the address is printed a moment before the console listens
             if process.poll() is not None:
                 raise SystemExit(f"haptorb run ended by itself: {process.communicate()[1]}") from None

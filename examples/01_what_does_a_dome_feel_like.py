@@ -27,7 +27,7 @@ published, _ = haptorb.force_map(omni, dome, places, model="published")
 
 figure, axes = plt.subplots(figsize=(7, 4))
 axes.axhline(0.0, color="0.8")
-axes.plot(np.degrees(angle), 1e3 * radial, "--", label="asked")
+axes.plot(np.degrees(angle), 1e3 * radial, "--", label="commanded")
 axes.plot(np.degrees(angle), 1e3 * given, label="given, controller with the exact model")
 axes.plot(np.degrees(angle), 1e3 * published, label="given, controller with the published model")
 axes.set(xlabel="angle from the summit [deg]", ylabel="radial force, outward [mN]", title="A dome of 18°, cut at 54°")

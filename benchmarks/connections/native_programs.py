@@ -191,7 +191,7 @@ def measure_sphere(options: argparse.Namespace, folder: Path) -> int:
             if client is not None:
                 client.communicate(timeout=60)
                 assert client.returncode in (0, 1), "the program failed"  # 1: the run ended first
-        t, asked = np.asarray(rows["t"]), np.asarray(rows["asked"])[:, :3]
+        t, asked = np.asarray(rows["t"]), np.asarray(rows["wrench_commanded"])[:, :3]
         out = np.asarray(rows["p"]) - centre
         distance = np.linalg.norm(out, axis=1)
         own = (STIFFNESS * np.clip(RADIUS - distance, 0.0, None) / distance)[:, None] * out
@@ -217,7 +217,7 @@ def kill_programs(options: argparse.Namespace, folder: Path) -> int:
             client.communicate()
             time.sleep(0.1)
         rows = run.end()
-    wall, asked = np.asarray(rows["wall"]), np.linalg.norm(np.asarray(rows["asked"])[:, :3], axis=1)
+    wall, asked = np.asarray(rows["wall"]), np.linalg.norm(np.asarray(rows["wrench_commanded"])[:, :3], axis=1)
     gone = []
     for at, following in zip(times, [*times[1:], np.inf], strict=True):
         after = (wall > at) & (wall < min(at + 0.1, following)) & (asked > ZERO)

@@ -94,7 +94,7 @@ def measure_steps(servo: Servo, port: int, seconds: float) -> dict[str, Any]:
     table = np.concatenate(rows)
     at = servo.layout
     wall, rendered = table[:, at["wall"].start], table[:, at["memory"].start + 2]
-    coils = table[:, at["given"].start + 2]
+    coils = table[:, at["wrench_actual"].start + 2]
     tick, half = [], []
     for (sent, force), (after, _) in zip(found["sent"][3:-1], found["sent"][4:], strict=True):
         window = (wall > sent) & (wall < after)
@@ -115,7 +115,7 @@ def measure_end(servo: Servo, port: int, number: signal.Signals) -> float:
     client = start_client("hold", port, 60.0)
     assert client.stdout is not None
     client.stdout.readline()
-    while (row := servo.latest()).given[2] < 0.9 * _FORCE and row.guard != GuardState.TRIPPED:
+    while (row := servo.latest()).wrench_actual[2] < 0.9 * _FORCE and row.guard != GuardState.TRIPPED:
         time.sleep(0.005)
     cursor, _ = servo.rows()
     begin = time.monotonic()
@@ -128,7 +128,7 @@ def measure_end(servo: Servo, port: int, number: signal.Signals) -> float:
     if (rows[:, at["guard"].start] == GuardState.TRIPPED).any():  # all coils are off, but not because of the client
         say(f"repeated: {Trip(int(rows[-1, at['trip'].start])).text}")
         took = float("nan")
-    elif len(zero := np.flatnonzero(np.abs(rows[:, at["given"].start + 2]) < 0.01 * _FORCE)):
+    elif len(zero := np.flatnonzero(np.abs(rows[:, at["wrench_actual"].start + 2]) < 0.01 * _FORCE)):
         took = 1e3 * (float(rows[zero[0], at["wall"].start]) - begin)
     client.kill()
     client.wait()

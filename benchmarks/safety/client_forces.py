@@ -240,13 +240,13 @@ class Setting:
     def check(self, now: float) -> None:
         row, at = self.row, self.tick.layout
         client = self.tick.protection.state["guard"]["client"][0][:3].copy()
-        asked, gain = row[at["asked"]][:3].copy(), float(row[at["gain"]][0])
+        asked, gain = row[at["wrench_commanded"]][:3].copy(), float(row[at["gain"]][0])
         self.alone = self.alone + 1 if isinstance(self.world, Remote) else 0
         pure = self.alone > SETTLED  # all that is asked is a client's
         felt = asked if pure else gain * client
         if self.stopped:
             self.stopped = False
-            if asked.any() or row[at["duties"]].any():
+            if asked.any() or row[at["duty_applied"]].any():
                 self.faults.append("a Stop left a force in its own tick")
         if self.engaged:  # after a Stop, before the tick that obeys it
             self.engaged = False

@@ -294,7 +294,7 @@ class Program:
         if row is None or self.memory is None:
             return False
         at = self.memory.layout
-        on = row[at["guard"]][0] not in (GuardState.OFF, GuardState.TRIPPED) and row[at["duties"]].any()
+        on = row[at["guard"]][0] not in (GuardState.OFF, GuardState.TRIPPED) and row[at["duty_applied"]].any()
         return bool(on) and (self._emulator is None or self._emulator.status()["on"] == "1")
 
     def _guard(self) -> str:
@@ -387,7 +387,7 @@ class Program:
         while time.monotonic() < deadline:
             over = words[Word.PHASE] > 1
             _, rows = self.memory.ring.read_since(cursor)
-            off = [n for n in range(len(rows)) if not rows[n, at["duties"]].any()]
+            off = [n for n in range(len(rows)) if not rows[n, at["duty_applied"]].any()]
             if off and (off[0] + 1 < len(rows) or over):
                 wall = float(rows[min(off[0] + 1, len(rows) - 1), at["wall"]][0])
                 return 1e3 * (wall - before)

@@ -225,7 +225,9 @@ def off_at(servo: Servo, cursor: int) -> tuple[float, int]:
     while True:
         _, rows = servo.rows(cursor)
         off = [
-            n for n in range(len(rows)) if rows[n, layout["guard"]][0] in OFF and not rows[n, layout["duties"]].any()
+            n
+            for n in range(len(rows))
+            if rows[n, layout["guard"]][0] in OFF and not rows[n, layout["duty_applied"]].any()
         ]
         if off and off[0] + 1 < len(rows):
             return float(rows[off[0] + 1, layout["wall"]][0]), cursor + off[0]

@@ -117,7 +117,7 @@ class TrialDevice:
         row, layout = self.servo.latest(), self.servo.layout
         if row is None:
             return None
-        force: Array = row[layout["given"]][:3]
+        force: Array = row[layout["wrench_actual"]][:3]
         return force if np.isfinite(force).all() else None
 
     def is_felt(self) -> bool:
@@ -126,7 +126,7 @@ class TrialDevice:
         if place is None or row is None or self._count_changes() == self._onset_changes:
             return False
         self._onset_position = self._onset_position or place
-        asked = row[self.servo.layout["asked"]]
+        asked = row[self.servo.layout["wrench_commanded"]]
         force, torque = float(np.linalg.norm(asked[:3])), float(np.linalg.norm(asked[3:]))
         moved = float(np.linalg.norm(np.subtract(place, self._onset_position)))
         return force >= _FELT_FORCE_N or torque >= _FELT_TORQUE_NM or moved >= _FELT_MOTION_M

@@ -57,8 +57,8 @@ def test_drag_the_marker_along_the_rail_and_stop(rail):
     for k in range(1, 16):
         page.mouse.move(x - 8 * k, y)
         page.wait_for_timeout(20)
-    screen.until("haptorb.value('given')[0] > 0.05")  # the wall at x = 0 pushes back
-    assert screen.value("target")[0] < screen.value("p")[0] < 0.0
+    screen.until("haptorb.value('wrench_actual')[0] > 0.05")  # the wall at x = 0 pushes back
+    assert screen.value("hand_goal")[0] < screen.value("p")[0] < 0.0
     assert screen.value("p")[1:] == [0.0, 0.0]
     screen.until("haptorb.arrow")
     place = page.locator("#tilt").text_content()
@@ -66,5 +66,5 @@ def test_drag_the_marker_along_the_rail_and_stop(rail):
     page.mouse.up()
     page.keyboard.press("Escape")
     screen.until("haptorb.status === 'stopped'")
-    screen.until("haptorb.value('given').every((x) => Math.abs(x) < 1e-3)")
+    screen.until("haptorb.value('wrench_actual').every((x) => Math.abs(x) < 1e-3)")
     assert screen.troubles == []

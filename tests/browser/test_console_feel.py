@@ -68,7 +68,7 @@ def test_feel_the_dome_and_stop(live):
     expect_law(screen, device, dome)
     screen.until("haptorb.arrow")
     shown = float(page.locator("#asked").inner_text())
-    assert shown == pytest.approx(np.linalg.norm(screen.value("asked")[:3]), abs=0.02)
+    assert shown == pytest.approx(np.linalg.norm(screen.value("wrench_commanded")[:3]), abs=0.02)
     before = screen.value("p")
     drag(screen, x, y, -side)
     screen.wait_until_still()
@@ -80,19 +80,19 @@ def test_feel_the_dome_and_stop(live):
     screen.until("haptorb.value('model')[0] === 2")
     screen.wait_until_still()
     expect_law(screen, device, dome)
-    asked, given, p = (screen.value(name) for name in ("asked", "given", "p"))
+    asked, given, p = (screen.value(name) for name in ("wrench_commanded", "wrench_actual", "p"))
     assert abs(radial(given, p) - radial(asked, p)) > 0.02
 
     # The pointer's goal and the stylus are two things: the hand is a spring, the gap is the force.
-    gap = np.subtract(screen.value("target"), screen.value("p"))
+    gap = np.subtract(screen.value("hand_goal"), screen.value("p"))
     assert np.linalg.norm(gap) > 5e-4
 
     # Stop while it is held: nothing is asked any more, and what still flows is the sensor's noise.
     page.keyboard.press("Space")
     screen.until("haptorb.status === 'stopped'")
     page.wait_for_timeout(200)
-    assert screen.value("wanted") == [0.0, 0.0, 0.0]
-    assert max(map(abs, screen.value("currents"))) < 0.05
+    assert screen.value("current_commanded") == [0.0, 0.0, 0.0]
+    assert max(map(abs, screen.value("current_measured"))) < 0.05
     assert host.latest("trip")[0] == Trip.STOPPED
     page.mouse.up()
     assert not screen.troubles
@@ -106,7 +106,7 @@ def drag(screen, x, y, side) -> tuple[float, float]:
         x += 4 * side
         screen.page.mouse.move(x, y)
         screen.page.wait_for_timeout(25)
-        goal = screen.value("target")
+        goal = screen.value("hand_goal")
         if side * np.dot(goal[:2], RIGHT) > 0.01 and 28.0 < tilt(goal) < 45.0:
             return x, y
     raise AssertionError(f"the stylus does not come there: {goal}")
@@ -114,7 +114,8 @@ def drag(screen, x, y, side) -> tuple[float, float]:
 
 def expect_law(screen, device, dome) -> None:
     row = screen.tell(
-        "({p: haptorb.value('p'), q: haptorb.value('q'), asked: haptorb.value('asked'), given: haptorb.value('given')})"
+        "({p: haptorb.value('p'), q: haptorb.value('q'), asked: haptorb.value('wrench_commanded'), "
+        "given: haptorb.value('wrench_actual')})"
     )
     state = State.at(row["p"], axis_of(row["q"]))
     expected = dome.for_device(device).wrench(state)
@@ -132,11 +133,11 @@ def move_to_middle(screen) -> None:
         screen.page.keyboard.press("ArrowLeft")
         screen.page.keyboard.press("ArrowRight")
         screen.page.wait_for_timeout(100)
-        near = float(np.dot(screen.value("target")[:2], (RIGHT[1], -RIGHT[0])))
+        near = float(np.dot(screen.value("hand_goal")[:2], (RIGHT[1], -RIGHT[0])))
         if abs(near) < 1e-3:
             return
         screen.page.keyboard.press(("Shift+" if abs(near) > 8e-3 else "") + ("ArrowUp" if near > 0 else "ArrowDown"))
-    raise AssertionError(f"the hand does not come to the middle: {screen.value('target')}")
+    raise AssertionError(f"the hand does not come to the middle: {screen.value('hand_goal')}")
 
 
 def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
@@ -157,14 +158,14 @@ def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     screen.wait_until_still()
     edge = screen.value("p")
     assert tilt(edge) > 54.5
-    assert screen.value("asked")[:3] == [0.0, 0.0, 0.0]
+    assert screen.value("wrench_commanded")[:3] == [0.0, 0.0, 0.0]
     cursor, _ = host.rows(0, "tick")
     page.wait_for_timeout(200)  # what is beyond the cut-off is to be seen too, however fast the hand then is
     parts = []
     for _ in range(60):
         page.keyboard.press("Shift+ArrowLeft")  # over the summit and down the other side
         page.wait_for_timeout(150)
-        cursor, part = host.rows(cursor, "p", "asked", "guard")
+        cursor, part = host.rows(cursor, "p", "wrench_commanded", "guard")
         parts.append(part)
         if tilt(part[0][-1]) > 55.0 and np.dot(part[0][-1, :2], edge[:2]) < 0:
             break
@@ -258,7 +259,7 @@ def test_page_that_goes_in_the_middle_of_a_drag_lets_go(live, browser):
         time.sleep(0.02)
     assert host.latest("guard")[0] == GuardState.TRIPPED
     time.sleep(0.2)
-    assert host.latest("wanted") == [0.0, 0.0, 0.0]
+    assert host.latest("current_commanded") == [0.0, 0.0, 0.0]
 
     # Another page finds it tripped, says why, and can begin again.
     again = type(screen)(browser.new_page(), host.url)

@@ -56,9 +56,9 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     at = servo.layout
     _, rows = servo.rows(0)
     moved = rows[rows[:, at["mode"].start] == 1]
-    torque = np.linalg.norm(moved[:, at["asked"]][:, 3:], axis=1)
+    torque = np.linalg.norm(moved[:, at["wrench_commanded"]][:, 3:], axis=1)
     assert np.percentile(torque, 98) > 0.1, "the pull of an outlet is about 0.23 N·m at the handle"
-    assert (moved[:, at["asked"]][:, :3] == 0).all(), "the bearing carries every force"
+    assert (moved[:, at["wrench_commanded"]][:, :3] == 0).all(), "the bearing carries every force"
     page.mouse.up()
 
     # The other mode: the plug turns, and stays where it is.
@@ -73,7 +73,9 @@ def test_pull_the_plug_turn_it_and_stop(motor):
         page.wait_for_timeout(120)
     screen.until("Math.abs(haptorb.value('object_q')[2]) > 3e-3")
     assert screen.value("object") == pytest.approx(before, abs=1e-6)
-    screen.until("Math.abs(haptorb.value('asked')[5]) > 0.005")  # the hooks on a turned plug are felt in the spin
+    screen.until(
+        "Math.abs(haptorb.value('wrench_commanded')[5]) > 0.005"
+    )  # the hooks on a turned plug are felt in the spin
 
     # Let go while C is down: the handle turns back, the plug does not.
     page.locator("#target-scene").click(position={"x": 200, "y": 300})
@@ -95,8 +97,8 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     page.keyboard.press("Space")
     screen.until("haptorb.status === 'stopped'")
     page.wait_for_timeout(300)
-    assert screen.value("wanted") == [0.0] * 12
-    assert max(map(abs, screen.value("currents"))) < 0.01
+    assert screen.value("current_commanded") == [0.0] * 12
+    assert max(map(abs, screen.value("current_measured"))) < 0.01
     assert servo.latest()[at["trip"].start] == Trip.STOPPED
 
     # STOP, the trip's text and both pictures' texts at every size; with 15 parameters the numbers stay in view.

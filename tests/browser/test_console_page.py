@@ -38,7 +38,7 @@ def test_keys_move_the_stylus_along_the_dome(staged, fake):
     screen.page.locator("#scene").focus()
     start = fake.target.copy()
     screen.page.keyboard.press("ArrowRight")
-    screen.until("haptorb.value('target')[0] !== 0")
+    screen.until("haptorb.value('hand_goal')[0] !== 0")
     screen.page.wait_for_timeout(150)
     first = fake.target.copy()
     angle = np.degrees(np.arccos(start @ first / np.linalg.norm(start) / np.linalg.norm(first)))
@@ -220,7 +220,7 @@ def test_plots_show_every_sample_hold_still_and_export(staged, tmp_path):
     lines = coming.value.path().read_text(encoding="utf-8").splitlines()
     heading = lines[0].split(",")
     assert heading[:2] == ["t [s]", "tick"]
-    assert {"p[2] [m]", "asked[0] [N]", "asked[3] [N·m]", "winding[0] [K]"} <= set(heading)
+    assert {"p[2] [m]", "wrench_commanded[0] [N]", "wrench_commanded[3] [N·m]", "winding[0] [K]"} <= set(heading)
     assert len(lines) - 1 == held
     ticks = [int(line.split(",")[1]) for line in lines[1:]]
     assert ticks == list(range(ticks[0], ticks[0] + len(ticks)))

@@ -90,7 +90,9 @@ def test_keys_and_pointer_show_the_tick_and_its_numbers(played):
         page.keyboard.press(key)
         screen.settle(tick)
         np.testing.assert_allclose(screen.tell("player.value('p')"), rows[tick, LAYOUT["p"]], atol=1e-6)
-        np.testing.assert_allclose(screen.tell("player.value('given')"), rows[tick, LAYOUT["given"]], atol=1e-6)
+        np.testing.assert_allclose(
+            screen.tell("player.value('wrench_actual')"), rows[tick, LAYOUT["wrench_actual"]], atol=1e-6
+        )
     # At the trip the page says what the guard had said, and nothing can be switched on.
     assert screen.tell("player.status") == "stopped"
     frame = page.frame_locator("iframe")

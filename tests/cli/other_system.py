@@ -268,8 +268,8 @@ def run_servo(folder):
         servo.run(0.2)
     recording = haptorb.Recording(folder / "servo.mcap")
     rows, at = recording.rows, servo.layout
-    force = ((rows[:, at["given"]][:, :3] ** 2).sum(axis=1) ** 0.5).max()
-    return {"rows": len(rows), "force": force, "last": abs(rows[-1, at["duties"]]).max()}
+    force = ((rows[:, at["wrench_actual"]][:, :3] ** 2).sum(axis=1) ** 0.5).max()
+    return {"rows": len(rows), "force": force, "last": abs(rows[-1, at["duty_applied"]]).max()}
 
 
 def write_samples(folder):

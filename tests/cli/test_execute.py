@@ -83,8 +83,8 @@ def test_openhaptics_program(tmp_path: Path) -> None:
     assert count > 50  # 1000 where a processor is free
     assert 0.0 < push <= 0.06
     assert raised > 0.0, "the floor raises a tool that is held loosely"
-    assert np.ptp(Recording(recording)["target"], axis=0).max() == 0.0, "the hand is still before the program comes"
-    asked = np.asarray(Recording(recording)["asked"])
+    assert np.ptp(Recording(recording)["hand_goal"], axis=0).max() == 0.0, "the hand is still before the program comes"
+    asked = np.asarray(Recording(recording)["wrench_commanded"])
     assert 0.0 < asked[:, 2].max() < 0.1
     assert abs(asked[-50:]).max() == 0.0, "the force ends with the program"
 

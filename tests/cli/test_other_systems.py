@@ -132,7 +132,7 @@ def test_nothing_is_left_of_a_run_that_was_killed(system, tmp_path):
     wait_until(lambda: not find(mark), 10)
     recording = haptorb.Recording(record)
     assert len(recording.rows) > 10
-    assert (recording.rows[-1, recording.layout["duties"]] == 0).all()
+    assert (recording.rows[-1, recording.layout["duty_applied"]] == 0).all()
 
 
 def find(mark):

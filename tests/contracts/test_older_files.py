@@ -38,7 +38,7 @@ def test_a_recording_opens_and_its_fields_are_found_by_the_names_of_today(tmp_pa
     assert recording["p"].shape == (len(recording), 3)
     assert set(recording["guard"]) <= {0, 1, 2, 3, 4}
     assert {field.name for field in recording.fields} <= {field.name for field in RowLayout(3, 9).fields}
-    assert recording["currents"].shape == (len(recording), 3)
+    assert recording["current_measured"].shape == (len(recording), 3)
     assert recording["contacts"].shape == (len(recording), 16)  # every device had room for two
     assert recording.memory == {}
     assert recording.metadata["versions"]["haptorb"]
@@ -59,7 +59,7 @@ def test_a_recording_is_drawn_with_the_device_that_it_was_made_with() -> None:
 def test_a_recording_of_rows_with_two_contacts_and_a_coil_state_is_read_by_name() -> None:
     recording = Recording(OLDER / "omni_contacts.mcap")
     assert recording["contacts"].shape == (20, 16)
-    assert recording["currents"].shape == (20, 3)
+    assert recording["current_measured"].shape == (20, 3)
     assert recording["coil_state"].shape == (20,)
     assert recording.memory == {}
     with pytest.raises(RecordingError, match="read its fields by name"):

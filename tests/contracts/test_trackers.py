@@ -174,7 +174,7 @@ def test_a_tracker_that_falls_silent_ramps_down_latches_and_waits_for_a_person(n
                 took = subject.now() - begin
                 subject.tracker.origin = begin + took - now
             tick.step(row, now)
-            slope.append((row[layout["guard"]][0], row[layout["gain"]][0], np.abs(row[layout["duties"]]).max()))
+            slope.append((row[layout["guard"]][0], row[layout["gain"]][0], np.abs(row[layout["duty_applied"]]).max()))
         states = np.array(slope)
         assert (states[450:500, 0] == GuardState.RUNNING).all()
         assert states[450:500, 2].min() > 0.0
@@ -193,7 +193,7 @@ def test_a_tracker_that_falls_silent_ramps_down_latches_and_waits_for_a_person(n
                 subject.tracker.origin = subject.now() - now
             tick.step(row, now)
             assert row[layout["guard"]][0] == GuardState.TRIPPED
-            assert not row[layout["duties"]].any()
+            assert not row[layout["duty_applied"]].any()
         assert tick.engage()
         subject.tracker.origin = subject.now() - 0.8
         subject.say(at)

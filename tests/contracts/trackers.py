@@ -219,7 +219,7 @@ def recording(path: Path, told: Sequence[tuple[float, float, Sequence[float], bo
         rows = np.zeros((len(told), layout.width))
         for row, (t, age, p, valid) in zip(rows, told, strict=True):
             row[layout["t"]], row[layout["wall"]], row[layout["age"]], row[layout["valid"]] = t, t, age, valid
-            row[layout["target"]], row[layout["target_q"]] = p, UPRIGHT
+            row[layout["hand_goal"]], row[layout["hand_goal_q"]] = p, UPRIGHT
         recorder.append(rows)
         recorder.finish()
     return path

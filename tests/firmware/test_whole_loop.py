@@ -83,10 +83,10 @@ def test_a_dome_is_felt_through_the_real_firmware(
     log = np.array(rows)
     assert tick.error == ""
     assert log[-1, at["guard"]][0] == GuardState.RUNNING
-    asked = log[-50:, at["asked"]].mean(axis=0)
+    asked = log[-50:, at["wrench_commanded"]].mean(axis=0)
     assert asked[2] > 0.05  # the summit pushes back
     assert truth[2] == pytest.approx(asked[2], rel=0.1 if tracker == "tracker" else 0.25)
-    currents = log[-50:, at["currents"]]
+    currents = log[-50:, at["current_measured"]]
     assert np.abs(currents).max() > 0.5
     field = log[:, at["field"]]
     assert np.isfinite(field[1:]).sum(axis=1).max() <= 5  # the first has what was read while it was opened

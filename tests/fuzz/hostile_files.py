@@ -372,8 +372,8 @@ def kinds(folder: Path) -> list[Kind]:
     rows = np.random.default_rng(0).normal(size=(60, layout.width))
     rows[:, layout["t"]] = rows[:, layout["wall"]] = np.arange(60)[:, None] / 1000.0
     rows[:, layout["valid"]], rows[:, layout["age"]] = 1.0, 0.001
-    rows[:, layout["target"]] *= 0.05
-    rows[:, layout["target_q"]], rows[:, layout["grip"]] = (0.0, 0.0, 0.0, 1.0), 0.02
+    rows[:, layout["hand_goal"]] *= 0.05
+    rows[:, layout["hand_goal_q"]], rows[:, layout["grip"]] = (0.0, 0.0, 0.0, 1.0), 0.02
     recorder.append(rows)
     recorder.finish()
 

@@ -394,7 +394,7 @@ class Trial:
         at = self.shared.layout
         state, gain = int(row[at["guard"]][0]), float(row[at["gain"]][0])
         # A pose that expired fades for 50 ms; that is on its way to off, and a Stop ends it at once.
-        on = state in ENGAGED or bool(row[at["duties"]].any()) or gain > 0.0
+        on = state in ENGAGED or bool(row[at["duty_applied"]].any()) or gain > 0.0
         if on and self.engaged < self.stopped:
             raise BrokenPromise(f"on after a Stop, guard {state}, gain {gain:g}")
         rise = gain - self.gain

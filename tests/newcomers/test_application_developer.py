@@ -25,13 +25,14 @@ with haptorb.Servo("omni", spring, record=False) as servo:
     row = servo.latest()
     print(servo)
     print(repr(row))
-    print("asked", row.asked[2], row.units["asked"], "given", row["given"][2], "coils", row.temperature.max(), "K")
-    assert abs(row.asked[2] - 20.0 * (0.06 - row.p[2])) < 0.02
-    assert abs(row.given[2] - row.asked[2]) < 0.03
+    commanded, actual = row.wrench_commanded[2], row["wrench_actual"][2]
+    print("commanded", commanded, row.units["wrench_commanded"], "actual", actual, "coils", row.temperature.max(), "K")
+    assert abs(row.wrench_commanded[2] - 20.0 * (0.06 - row.p[2])) < 0.02
+    assert abs(row.wrench_actual[2] - row.wrench_commanded[2]) < 0.03
     servo.hand.follow([(0.0, 0.0, 0.052), (0.01, 0.0, 0.055)], times=[0.0, 0.3])
     servo.run(seconds=0.6)
     row = servo.latest()
-    assert np.allclose(row.target, (0.01, 0.0, 0.055)), row.target
+    assert np.allclose(row.hand_goal, (0.01, 0.0, 0.055)), row.hand_goal
     assert servo.report()["trips"] == [], servo.report()["trips"]
 print(servo.report())
 """
@@ -94,7 +95,7 @@ with haptorb.Servo("omni", "dome", record=False) as servo:
     refuse(lambda: servo.hand.point((0, 0, 50)), "50 mm are 0.05")
     refuse(lambda: servo.hand.hold((0, 0, float("nan"))), "finite")
     refuse(lambda: servo.set_world("dome", {"momment": 1}), "did you mean 'moment'")
-    refuse(lambda: servo.latest()["giben"], "did you mean 'given'")
+    refuse(lambda: servo.latest()["wrench_actua"], "did you mean 'wrench_actual'")
     servo.run(seconds=0.1)
     1 / 0
 """
@@ -110,7 +111,7 @@ def shell(tmp_path: Path) -> NewcomerShell:
 def test_she_feels_her_function_and_reads_it_by_name(shell: NewcomerShell) -> None:
     told = shell.run("python first.py").stdout
     assert "<Servo of omni, world 'spring', driver sim, tracker pointer, 1000 Hz: running" in told
-    assert "asked" in told
+    assert "commanded" in told
     assert "N, N·m" in told
     assert shell.list_running() == []
 

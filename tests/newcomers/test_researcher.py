@@ -78,9 +78,9 @@ def test_she_runs_and_checks_her_world(shell: NewcomerShell) -> None:
     assert report["world_values"]["push"] == pytest.approx(0.15)
     assert report["trips"] == []
     recording = haptorb.Recording(shell.folder / "hill.mcap")
-    assert not recording["duties"][-1].any(), "the coils are off at the end"
+    assert not recording["duty_applied"][-1].any(), "the coils are off at the end"
     assert "hill" in recording.worlds[0]["world"]
-    assert abs(recording["asked"]).max() > 0.01
+    assert abs(recording["wrench_commanded"]).max() > 0.01
     verdict = json.loads(shell.run("haptorb check --world hill.py:Hill --json").stdout)
     assert verdict["world"] == "hill.py:Hill"
     assert shell.list_running() == []

@@ -39,11 +39,11 @@ def make_rows(layout: RowLayout, count: int, turn: float = 0.5) -> np.ndarray:
     put("valid", 1)
     put("p", 0.02 * np.cos(angle), 0.02 * np.sin(angle), 0.045)
     put("q", 0, 0, 0, 1)
-    put("target", 0.02 * np.cos(angle), 0.02 * np.sin(angle), 0.045)
-    put("target_q", 0, 0, 0, 1)
-    put("given", 0, 0, 0.3 + 0.2 * np.sin(angle), 0, 0, 0)
-    put("asked", 0, 0, 0.3 + 0.2 * np.sin(angle), 0, 0, 0)
-    put("currents", np.sin(angle), np.cos(angle), 1.0)
+    put("hand_goal", 0.02 * np.cos(angle), 0.02 * np.sin(angle), 0.045)
+    put("hand_goal_q", 0, 0, 0, 1)
+    put("wrench_actual", 0, 0, 0.3 + 0.2 * np.sin(angle), 0, 0, 0)
+    put("wrench_commanded", 0, 0, 0.3 + 0.2 * np.sin(angle), 0, 0, 0)
+    put("current_measured", np.sin(angle), np.cos(angle), 1.0)
     put("winding", *[300 + tick / max(count, 1)] * 3)
     rows[:, layout["part"]] = -1
     rows[:, layout["memory"]] = np.nan

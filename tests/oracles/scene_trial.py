@@ -137,7 +137,7 @@ def try_scene(
     tick = Tick(device, scene, driver, estimator_used, make_allocator(device), dt, make_linkage(device))
     tick.budget = detail = _RandomDetail(change_every / dt, seed)
     row, layout = tick.layout.empty(), tick.layout
-    given, asked, place = row[layout["given"]], row[layout["asked"]], simulation.state()
+    given, asked, place = row[layout["wrench_actual"]], row[layout["wrench_commanded"]], simulation.state()
     find_work = _find_work if moved else _find_turning_work
     before, asked_before, asked_last = given.copy(), np.zeros(6), np.zeros(6)
     greatest, injected, tripped = 0.0, 0.0, False

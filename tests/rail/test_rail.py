@@ -70,30 +70,32 @@ def test_it_runs_is_recorded_and_stops(rail: ModuleType, rail_file: Path, tmp_pa
         at = servo.layout
         outside = run(servo, 1.0, (0.012, 0.0, 0.0))
         assert outside[-1, at["p"]] == pytest.approx([0.012, 0, 0], abs=5e-4)
-        assert np.abs(outside[:, at["wanted"]]).max() < 1e-9
+        assert np.abs(outside[:, at["current_commanded"]]).max() < 1e-9
         inside = run(servo, 1.0, (-0.003, 0.0, 0.0))
         last = inside[-1]
         assert last[at["guard"]][0] == GuardState.RUNNING, Trip(int(last[at["trip"]][0])).text
         assert -0.003 < last[at["p"]][0] < -0.0005  # the wall holds against the hand
-        assert last[at["asked"]][0] > 0.05
-        assert last[at["given"]][0] == pytest.approx(last[at["asked"]][0], rel=0.1)
-        assert not last[at["given"]][1:].any()
-        assert last[at["currents"]] == pytest.approx(last[at["wanted"]], abs=0.05)
-        assert last[at["currents"]][1] > 0.1 > -0.1 > last[at["currents"]][0]  # one pulls, the other pushes
+        assert last[at["wrench_commanded"]][0] > 0.05
+        assert last[at["wrench_actual"]][0] == pytest.approx(last[at["wrench_commanded"]][0], rel=0.1)
+        assert not last[at["wrench_actual"]][1:].any()
+        assert last[at["current_measured"]] == pytest.approx(last[at["current_commanded"]], abs=0.05)
+        assert (
+            last[at["current_measured"]][1] > 0.1 > -0.1 > last[at["current_measured"]][0]
+        )  # one pulls, the other pushes
         servo.stop()
         stopped = run(servo, 0.3, (-0.003, 0.0, 0.0))
         assert (stopped[:, at["guard"]] == GuardState.TRIPPED).all()
-        assert not stopped[:, at["duties"]].any()
-        assert np.abs(stopped[-1, at["currents"]]).max() < 0.05
+        assert not stopped[:, at["duty_applied"]].any()
+        assert np.abs(stopped[-1, at["current_measured"]]).max() < 0.05
         servo.engage()
         again = run(servo, 1.0, (-0.003, 0.0, 0.0))
-        assert again[-1, at["given"]][0] > 0.05
+        assert again[-1, at["wrench_actual"]][0] > 0.05
     recording = Recording(path)
     assert recording.layout == at
     assert recording.metadata["device"]["name"] == "rail"
     assert recording.metadata["device"]["file"] == rail_file.read_text()
-    assert recording["currents"].shape[1] == 2
-    assert np.nanmax(recording["given"][:, 0]) > 0.05
+    assert recording["current_measured"].shape[1] == 2
+    assert np.nanmax(recording["wrench_actual"][:, 0]) > 0.05
 
 
 @pytest.mark.realtime

@@ -38,10 +38,10 @@ def recording(tmp_path: Path) -> Recording:
     rows[:, LAYOUT["tick"]] = np.arange(500)[:, None]
     rows[:, LAYOUT["t"]] = 1e-3 * np.arange(500)[:, None]
     rows[:, LAYOUT["p"]] = (0.0, 0.0, 0.05)
-    rows[:, LAYOUT["asked"]] = (0, 0, 0.25, 0, 0, 0)
-    rows[:, LAYOUT["given"]] = np.nan
-    rows[:, LAYOUT["modelled"]] = (0, 0, 0.2, 0, 0, 0)
-    rows[:, LAYOUT["currents"]] = (1.0, -2.5, 0.0)
+    rows[:, LAYOUT["wrench_commanded"]] = (0, 0, 0.25, 0, 0, 0)
+    rows[:, LAYOUT["wrench_actual"]] = np.nan
+    rows[:, LAYOUT["wrench_model"]] = (0, 0, 0.2, 0, 0, 0)
+    rows[:, LAYOUT["current_measured"]] = (1.0, -2.5, 0.0)
     rows[:, LAYOUT["winding"]] = 310.15
     rows[200:210, LAYOUT["guard"]] = 4
     return record(tmp_path / "run.mcap", rows)
@@ -56,7 +56,12 @@ def test_pandas_has_every_number_and_its_unit(recording: Recording) -> None:
     assert frame.shape[1] == LAYOUT.width - 1
     units = frame.attrs["units"]
     assert set(units) == {"t", *frame.columns}
-    assert (units["p[2]"], units["given[2]"], units["given[5]"], units["winding[0]"]) == ("m", "N", "N·m", "K")
+    assert (units["p[2]"], units["wrench_actual[2]"], units["wrench_actual[5]"], units["winding[0]"]) == (
+        "m",
+        "N",
+        "N·m",
+        "K",
+    )
     assert frame.attrs["about"]["age"] == "age of the pose"
     assert frame.attrs["device"] == "omni"
     names = recording.path.with_suffix(".csv")
@@ -68,11 +73,11 @@ def test_pandas_has_every_number_and_its_unit(recording: Recording) -> None:
 def test_xarray_has_named_parts_and_units(recording: Recording) -> None:
     data = recording.to_xarray()
     assert data.sizes["t"] == 500
-    assert float(data["asked"].sel(component="F_z").max()) == 0.25
+    assert float(data["wrench_commanded"].sel(component="F_z").max()) == 0.25
     assert float(data["p"].sel(axis="z").mean()) == pytest.approx(0.05)
-    assert float(data["currents"].sel(channel=2).min()) == -2.5
-    assert float(data["currents"].swap_dims(channel="coil").sel(coil="y").min()) == -2.5
-    assert data["currents"].attrs == {"units": "A", "long_name": "measured currents"}
+    assert float(data["current_measured"].sel(channel=2).min()) == -2.5
+    assert float(data["current_measured"].swap_dims(channel="coil").sel(coil="y").min()) == -2.5
+    assert data["current_measured"].attrs == {"units": "A", "long_name": "measured currents"}
     assert data["t"].attrs["units"] == "s"
     assert data["field"].shape == (500, 6)
     assert set(data.data_vars) | {"t"} == {field.name for field in recording.fields}
@@ -118,7 +123,16 @@ def test_a_recording_shows_what_ran_and_the_force(recording: Recording) -> None:
     assert repr(recording) == "<Recording run.mcap: omni, 0.499 s, 500 rows, 1 trip>"
     html = recording._repr_html_()
     ElementTree.fromstring(html)
-    for text in ("Omni &lt;Zárate&gt;", "dome", "250 mN", "2.5 A", "37.0 °C", "modelled", "<polyline", "complete"):
+    for text in (
+        "Omni &lt;Zárate&gt;",
+        "dome",
+        "250 mN",
+        "2.5 A",
+        "37.0 °C",
+        "by the controller model",
+        "<polyline",
+        "complete",
+    ):
         assert text in html
 
 
@@ -126,6 +140,6 @@ def test_numbers_that_are_none_are_shown_all_the_same(tmp_path: Path) -> None:
     rows = np.full((50, LAYOUT.width), np.nan)
     rows[:, LAYOUT["t"]] = np.arange(50)[:, None]
     rows[:, LAYOUT["wall"]] = 0.0
-    rows[3, LAYOUT["asked"]] = 1e300
-    rows[4, LAYOUT["asked"]] = np.inf
+    rows[3, LAYOUT["wrench_commanded"]] = 1e300
+    rows[4, LAYOUT["wrench_commanded"]] = np.inf
     ElementTree.fromstring(record(tmp_path / "a.mcap", rows)._repr_html_())

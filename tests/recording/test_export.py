@@ -79,15 +79,15 @@ def test_units_go_with_the_numbers(recording, tmp_path):
     from pyarrow import parquet
 
     for form in FORMATS:
-        Export.of(recording, form, ["asked"]).write(tmp_path / form)
+        Export.of(recording, form, ["wrench_commanded"]).write(tmp_path / form)
     heads = (tmp_path / "csv").read_text(encoding="utf-8").splitlines()[0].split(",")
-    assert heads == [f"asked[{i}] [{'N' if i < 3 else 'N·m'}]" for i in range(6)]
+    assert heads == [f"wrench_commanded[{i}] [{'N' if i < 3 else 'N·m'}]" for i in range(6)]
     schema = parquet.read_schema(tmp_path / "parquet")
-    assert schema.field("asked[3]").metadata[b"unit"].decode() == "N·m"
+    assert schema.field("wrench_commanded[3]").metadata[b"unit"].decode() == "N·m"
     assert schema.metadata[b"device"] == b"omni"
     with np.load(tmp_path / "npz") as archive:
         about = json.loads(str(archive["about"]))
-    assert about["fields"]["asked"]["unit"] == "N, N·m"
+    assert about["fields"]["wrench_commanded"]["unit"] == "N, N·m"
     assert about["recording"]["device"] == "omni"
 
 
@@ -138,8 +138,8 @@ def test_info_tells_the_same_in_words_and_json(file, recording, capsys, tmp_path
     told = json.loads(text)
     assert (code, told["ticks"], told["device"], told["complete"], told["rate_hz"]) == (0, ROWS, "omni", True, 1000.0)
     assert told["duration_s"] == pytest.approx(0.499)
-    size = float(np.linalg.norm(recording["asked"][:, :3], axis=1).max())
-    assert told["run"]["largest_asked_force_n"] == pytest.approx(size)
+    size = float(np.linalg.norm(recording["wrench_commanded"][:, :3], axis=1).max())
+    assert told["run"]["largest_commanded_force_n"] == pytest.approx(size)
     assert {"name": "p", "width": 3, "unit": "m"}.items() <= next(f for f in told["fields"] if f["name"] == "p").items()
     words = run_command(capsys, "info", str(file))[1]
     assert "500 rows" in words

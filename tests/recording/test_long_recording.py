@@ -83,7 +83,7 @@ def test_a_field_behaves_as_an_array(recording):
 def test_a_slice_needs_little_memory(long_file):
     tracemalloc.start()
     try:
-        part = Recording(long_file)["asked"][20_000:20_100]
+        part = Recording(long_file)["wrench_commanded"][20_000:20_100]
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -64,7 +64,7 @@ def test_bit_for_bit(tmp_path: Path) -> None:
     assert not recording.truncated
     assert recording["p"].shape == (100, 3)
     assert recording["tick"].shape == (100,)
-    assert (recording["duties"] == rows[:, LAYOUT["duties"]]).all()
+    assert (recording["duty_applied"] == rows[:, LAYOUT["duty_applied"]]).all()
     assert (recording.t == rows[:, 1]).all()
     assert recording.metadata["device"]["name"] == "omni"
     assert recording.worlds == [{"change": "0", "tick": "0", "world": "{}"}]
@@ -74,7 +74,7 @@ def test_without_sensors_and_without_rows(tmp_path: Path) -> None:
     layout = RowLayout(channels=1, sensors=0)
     recording = Recording(_record(tmp_path / "a.mcap", np.ones((5, layout.width)), layout))
     assert recording.layout == layout
-    assert recording["currents"].shape == (5,)
+    assert recording["current_measured"].shape == (5,)
     empty = Recording(_record(tmp_path / "b.mcap", np.ones((0, layout.width)), layout))
     assert len(empty) == 0
     assert empty["p"].shape == (0, 3)
@@ -190,8 +190,8 @@ def test_foreign_files(tmp_path: Path) -> None:
 
 
 def test_unknown_field(whole: Path) -> None:
-    with pytest.raises(UnknownName, match="did you mean 'currents'"):
-        Recording(whole)["curents"]
+    with pytest.raises(UnknownName, match="did you mean 'current_measured'"):
+        Recording(whole)["curent_measured"]
 
 
 @given(channels=st.integers(1, 24), sensors=st.integers(0, 48))
@@ -210,7 +210,7 @@ def test_csv(whole: Path, tmp_path: Path) -> None:
     recording.to_csv(path)
     heads = path.read_text(encoding="utf-8").splitlines()[0].split(",")
     assert heads[:2] == ["tick", "t [s]"]
-    assert {"p[2] [m]", "asked[2] [N]", "asked[5] [N·m]", "q[3]", "winding[0] [K]"} <= set(heads)
+    assert {"p[2] [m]", "wrench_commanded[2] [N]", "wrench_commanded[5] [N·m]", "q[3]", "winding[0] [K]"} <= set(heads)
     values = np.loadtxt(path, delimiter=",", skiprows=1)
     assert values.tobytes() == recording.rows.tobytes()
     with pytest.raises(RecordingError, match="exists"):
@@ -229,7 +229,7 @@ def test_plot(whole: Path, tmp_path: Path, ending: str) -> None:
     force = figure.axes[0]
     styles = {line.get_linestyle() for line in force.lines}
     assert {"-", "--"} <= styles  # given solid, asked dashed
-    assert (np.asarray(force.lines[0].get_ydata()) == recording["given"][:, 0]).all()
+    assert (np.asarray(force.lines[0].get_ydata()) == recording["wrench_actual"][:, 0]).all()
     with pytest.raises(RecordingError, match="cannot write"):
         recording.plot(tmp_path / "a.nonsense")
 
@@ -246,8 +246,8 @@ def test_plot_names_coils_as_the_device_does(tmp_path: Path, noted: str | None) 
 
 def test_plot_keeps_every_peak(tmp_path: Path) -> None:
     rows = _rows(30_000)
-    rows[:, LAYOUT["given"]] = 0.0
-    rows[12_345, LAYOUT["given"].start] = 9.0
+    rows[:, LAYOUT["wrench_actual"]] = 0.0
+    rows[12_345, LAYOUT["wrench_actual"].start] = 9.0
     figure = Recording(_record(tmp_path / "a.mcap", rows)).plot()
     line = figure.axes[0].lines[0]
     assert np.asarray(line.get_ydata()).max() == 9.0

@@ -78,8 +78,8 @@ def test_an_older_recording_replays_nearly(tmp_path: Path) -> None:
     assert replay.approximate
     assert "pose_p" in replay.missing
     apart = {one.field: one for one in found.bounds}
-    assert "asked" not in apart or apart["asked"].largest < 1e-15  # its gain is computed again
-    assert apart["wanted"].largest < 0.2 * apart["wanted"].greatest
+    assert "wrench_commanded" not in apart or apart["wrench_commanded"].largest < 1e-15  # its gain is computed again
+    assert apart["current_commanded"].largest < 0.2 * apart["current_commanded"].greatest
     assert any("recorded wrench" in remark for remark in replay.remarks)
 
 
@@ -220,7 +220,7 @@ def test_rows_too_narrow_for_what_a_client_commanded_leave_the_recorded_wrench(r
     with pytest.raises(RecordingError, match=r"narrow\.mcap.*memory.*recorded wrench"):
         Replay(Recording(path))
     replay = Replay(Recording(path), recorded_world=True)
-    assert "asked" not in {one.field for one in replay.run().bounds}
+    assert "wrench_commanded" not in {one.field for one in replay.run().bounds}
 
 
 def note_state(recorder: Recorder, tick: int, state: State) -> None:

@@ -166,7 +166,9 @@ def flip(tick: int, field: str, number: int) -> Callable[[Array], None]:
     return change
 
 
-@pytest.mark.parametrize(("field", "number"), [("asked", 2), ("winding", 1), ("q", 3), ("energy", 0), ("drive", 0)])
+@pytest.mark.parametrize(
+    ("field", "number"), [("wrench_commanded", 2), ("winding", 1), ("q", 3), ("energy", 0), ("duty_commanded", 0)]
+)
 def test_a_planted_bit_is_found_at_its_tick(field: str, number: int, tmp_path: Path) -> None:
     found = Replay(record_chain(tmp_path / "run.mcap", change=flip(211, field, number))).run()
     assert found.first is not None
@@ -236,8 +238,8 @@ def test_another_world_changes_what_follows_from_it_and_nothing_else(tmp_path: P
     replay = Replay(record_chain(tmp_path / "run.mcap"), world=Sum((Fluid(),)))
     found = replay.run()
     changed = {one.field for one in found.bounds}
-    assert {"asked", "object_wrench", "wanted"} <= changed
-    assert not {"p", "q", "v", "w", "currents", "boundary", "field", "pose_p"} & changed
+    assert {"wrench_commanded", "object_wrench", "current_commanded"} <= changed
+    assert not {"p", "q", "v", "w", "current_measured", "boundary", "field", "pose_p"} & changed
     assert list(replay.replaced) == ["world"]
 
 

@@ -119,11 +119,18 @@ class FakeChain:
         row[at["trip"]] = self._trip
         row[at["gain"]] = self._trip is Trip.NONE
         row[at["world"]] = self._changes
-        row[at["duties"]] = 0.5 if self._trip is Trip.NONE else 0.0
-        row[at["wanted"]] = 3.0 if self._trip is Trip.NONE else 0.0
-        row[at["asked"]] = row[at["given"]] = row[at["modelled"]] = (0.0, 0.3, 0.4, 0.0, 0.0, 0.0)
+        row[at["duty_applied"]] = 0.5 if self._trip is Trip.NONE else 0.0
+        row[at["current_commanded"]] = 3.0 if self._trip is Trip.NONE else 0.0
+        row[at["wrench_commanded"]] = row[at["wrench_actual"]] = row[at["wrench_model"]] = (
+            0.0,
+            0.3,
+            0.4,
+            0.0,
+            0.0,
+            0.0,
+        )
         goal = self._tracker.goal(now)
-        row[at["target"]], row[at["target_q"]] = goal.p, goal.q
+        row[at["hand_goal"]], row[at["hand_goal_q"]] = goal.p, goal.q
         row[at["age"]] = now - goal.stamp
         row[at["stages"]] = 1e-6 * np.arange(1, 8)
         self._ticks += 1

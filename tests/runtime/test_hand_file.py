@@ -143,10 +143,10 @@ def test_the_same_file_gives_the_same_run_and_a_recording_of_it_too(tmp_path: Pa
     replayed = record_chain(tmp_path / "c.mcap", ticks=500, hand=read_hand(tmp_path / "a.mcap", OMNI))
     first.to_csv(tmp_path / "a.csv")
     exported = record_chain(tmp_path / "d.mcap", ticks=500, hand=read_hand(tmp_path / "a.csv", OMNI))
-    for name in ("target", "target_q", "p", "given", "currents"):
+    for name in ("hand_goal", "hand_goal_q", "p", "wrench_actual", "current_measured"):
         for other in (again, replayed, exported):
             assert np.array_equal(np.asarray(first[name]), np.asarray(other[name]), equal_nan=True), name
-    force = np.linalg.norm(np.asarray(first["given"])[:, :3], axis=1)
+    force = np.linalg.norm(np.asarray(first["wrench_actual"])[:, :3], axis=1)
     assert force.max() > 0.1
 
 
@@ -155,8 +155,8 @@ def test_what_is_rendered_pushes_the_hand_away_from_its_goal(tmp_path: Path) -> 
     text = "start 0 0 62 mm\nmove 0 0 52 mm in 0.3 s\nwait 1 s\n"
     run = record_chain(tmp_path / "a.mcap", ticks=1300, hand=read(text, tmp_path))
     late = slice(1200, 1300)
-    force = np.asarray(run["given"])[late, 2].mean()
-    pushed = (np.asarray(run["p"]) - np.asarray(run["target"]))[late, 2].mean()
+    force = np.asarray(run["wrench_actual"])[late, 2].mean()
+    pushed = (np.asarray(run["p"]) - np.asarray(run["hand_goal"]))[late, 2].mean()
     stiffness = OMNI.hand.stiffness  # type: ignore[attr-defined]
     assert force > 0.1
     assert force == pytest.approx(stiffness * pushed, rel=0.03)
@@ -170,7 +170,7 @@ def test_a_servo_plays_it_by_the_loops_clock_with_buttons_and_grip(tmp_path: Pat
         servo.run(0.8)
         servo.hand.point((0.0, 0.0, 0.06), patience=1.0)  # a person goes before the file
         servo.run(0.2)
-        assert servo.latest().target.tolist() == [0.0, 0.0, 0.06]
+        assert servo.latest().hand_goal.tolist() == [0.0, 0.0, 0.06]
         assert servo.latest().buttons == 0.0
     run = servo.recording
     assert run.metadata["run"]["hand"] == f"a.hand {motion.digest}"
@@ -179,8 +179,8 @@ def test_a_servo_plays_it_by_the_loops_clock_with_buttons_and_grip(tmp_path: Pat
     for n in rows[:: len(rows) // 100]:
         t = float(run["t"][n])
         place, turn = motion.at(t)
-        assert np.array_equal(run["target"][n], place)
-        assert np.array_equal(run["target_q"][n], turn)
+        assert np.array_equal(run["hand_goal"][n], place)
+        assert np.array_equal(run["hand_goal_q"][n], turn)
         bits, grip = motion.signals_at(t)
         assert float(run["buttons"][n]) == bits
         assert np.array_equal(float(run["grip"][n]), grip, equal_nan=True)

@@ -42,7 +42,9 @@ def _until(condition: Any, patience: float = 10.0) -> None:
 
 def _duties_off(servo: Any) -> bool:
     last = servo.latest()
-    return bool((last[servo.layout["duties"]] == 0.0).all() and (last[servo.layout["wanted"]] == 0.0).all())
+    return bool(
+        (last[servo.layout["duty_applied"]] == 0.0).all() and (last[servo.layout["current_commanded"]] == 0.0).all()
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
@@ -61,7 +63,7 @@ def test_told_to_end_at_any_moment(fake_servo: Any, number: signal.Signals) -> N
         assert _duties_off(servo)
         assert servo.latest()[servo.layout["guard"]] == GuardState.OFF
         assert not servo.recording.truncated
-        assert (servo.recording["duties"][-1] == 0).all()
+        assert (servo.recording["duty_applied"][-1] == 0).all()
 
 
 def test_told_to_end_while_starting(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,8 +219,8 @@ def test_parent_killed(tmp_path: Path) -> None:
     assert not shared.exists()
     recording = Recording(path)
     assert not recording.truncated
-    assert (recording["duties"][-1] == 0).all()
-    assert (recording["duties"] != 0).any()
+    assert (recording["duty_applied"][-1] == 0).all()
+    assert (recording["duty_applied"] != 0).any()
     assert recording["guard"][-1] in (GuardState.OFF, GuardState.TRIPPED)
 
 
@@ -240,7 +242,7 @@ def test_parent_stopped_then_gone_on(tmp_path: Path) -> None:
     _, errors = process.communicate(timeout=30)
     assert "was stopped and did not respond" in errors
     assert process.returncode != 0
-    assert (Recording(path)["duties"][-1] == 0).all()
+    assert (Recording(path)["duty_applied"][-1] == 0).all()
 
 
 def test_interrupted_from_the_keyboard(tmp_path: Path) -> None:
@@ -252,7 +254,7 @@ def test_interrupted_from_the_keyboard(tmp_path: Path) -> None:
     assert not shared.exists()
     recording = Recording(path)
     assert not recording.truncated
-    assert (recording["duties"][-1] == 0).all()
+    assert (recording["duty_applied"][-1] == 0).all()
     assert np.isfinite(recording["t"]).all()
 
 

@@ -46,7 +46,7 @@ def test_the_greatest_force_is_that_given_or_else_that_modelled() -> None:
         ((np.nan,) * 6, (np.nan,) * 6, 6.0, 3.0),  # nobody knows: what was known stays
     ):
         row = LAYOUT.empty()
-        row[LAYOUT["given"]], row[LAYOUT["modelled"]] = given_, modelled
+        row[LAYOUT["wrench_actual"]], row[LAYOUT["wrench_model"]] = given_, modelled
         publish_row(row, row.copy(), LAYOUT.places, words, 0, 0, 0, 0)
         floats = words.view(np.float64)
         assert floats[Word.PEAK] == force

@@ -32,7 +32,14 @@ class Bench:
 
     def publish(self, **fields: Any) -> None:
         row = self.shared.layout.empty()
-        first = {"t": 1.0, "p": (0.0, 0.0, 0.05), "q": (0.0, 0.0, 0.0, 1.0), "v": 0.0, "asked": 0.0, "valid": 1.0}
+        first = {
+            "t": 1.0,
+            "p": (0.0, 0.0, 0.05),
+            "q": (0.0, 0.0, 0.0, 1.0),
+            "v": 0.0,
+            "wrench_commanded": 0.0,
+            "valid": 1.0,
+        }
         for name, value in {**first, "guard": GuardState.RUNNING, "trip": 0.0, **fields}.items():
             row[self.shared.layout[name]] = value
         self.shared.ring.publish(row)

@@ -107,10 +107,12 @@ def test_the_users_own_world_is_felt_beside_the_clients_and_keeps_them_when_it_i
         port = int(serving.lines[0].split(",")[0].rpartition(":")[2])
         with connect(f"ws://localhost:{port}", compression=None) as client:
             client.recv(timeout=20)
-            wait_for(lambda: push(client, 0.2) and servo.latest().asked[2] == pytest.approx(0.25))
+            wait_for(lambda: push(client, 0.2) and servo.latest().wrench_commanded[2] == pytest.approx(0.25))
             file.write_text(OWN.format(force=0.07))
-            wait_for(lambda: push(client, 0.2) and servo.latest().asked[2] == pytest.approx(0.27))
-            wait_for(lambda: servo.latest().asked[2] == pytest.approx(0.07))  # it ends with its client's silence
+            wait_for(lambda: push(client, 0.2) and servo.latest().wrench_commanded[2] == pytest.approx(0.27))
+            wait_for(
+                lambda: servo.latest().wrench_commanded[2] == pytest.approx(0.07)
+            )  # it ends with its client's silence
         assert servo.world[0] == "floor"
         assert list(servo.own_worlds) == ["floor"]
     recording = Recording(path)

@@ -80,6 +80,6 @@ class FakeServo:
     def latest(self) -> np.ndarray:
         row = np.zeros(self.layout.width)
         row[self.layout["world"]] = self.worlds
-        row[self.layout["asked"]] = (0.0, 0.0, self.asked, 0.0, 0.0, 0.0)
+        row[self.layout["wrench_commanded"]] = (0.0, 0.0, self.asked, 0.0, 0.0, 0.0)
         row[self.layout["valid"]], row[self.layout["guard"]], row[self.layout["p"]] = 1, 4 if self.off else 2, self.p
         return row

@@ -276,7 +276,7 @@ def replay():
     from haptorb.replay.replay import FieldBound
     from haptorb.terminal import print_table
 
-    bounds = (FieldBound("currents", "A", 123456, 120, 1.234e-16, 19.87),
+    bounds = (FieldBound("current_measured", "A", 123456, 120, 1.234e-16, 19.87),
               FieldBound("rendered_part", "1", 2, 99999, float("nan"), 2.0))  # fmt: skip
     made = SimpleNamespace(comparison=SimpleNamespace(bounds=bounds))
     return lambda console: print_table(console, difference_table(made)), [

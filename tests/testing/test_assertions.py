@@ -58,7 +58,7 @@ def test_a_run_is_that_of_the_loop_and_the_same_every_time(tmp_path: Path) -> No
     one, two = Recording(first), Recording(again)
     other = record_chain(tmp_path / "c.mcap", ticks=500, hand=parse_script(ONTO, load("omni"), "it"))
     assert len(one) == len(two) == 500
-    for name in ("t", "p", "given", "currents", "winding", "target"):
+    for name in ("t", "p", "wrench_actual", "current_measured", "winding", "hand_goal"):
         assert np.array_equal(one[name][:], two[name][:], equal_nan=True), name
         assert np.allclose(one[name][:], other[name][:], rtol=0, atol=1e-9, equal_nan=True), name
     assert [int(one["buttons"][n]) for n in (299, 300)] == [0, 2]
@@ -67,7 +67,7 @@ def test_a_run_is_that_of_the_loop_and_the_same_every_time(tmp_path: Path) -> No
 
 def test_the_force_of_the_reference_passes_in_each_of_its_forms(across: Recording) -> None:
     times = {"between": (0.4, 1.0)}
-    assert np.abs(across["given"][:, 1]).max() > 0.1
+    assert np.abs(across["wrench_actual"][:, 1]).max() > 0.1
     for reference in (spring, lambda s: (0.0, -SPRING * s.p[1], 0.0), across, across["object_wrench"][:, :3]):
         assert_force_within(across, reference, newtons=0.01, share=0.05, **times)
     assert_force_within(across.path, spring, newtons=0.01, share=0.05, **times)
@@ -83,7 +83,7 @@ def test_what_is_wrong_is_stated_with_time_place_and_size(across: Recording) -> 
     with pytest.raises(AssertionError) as told:
         assert_force_within(across, stiffer, newtons=0.02, between=(0.4, 1.0))
     text = str(told.value)
-    t, p, force = across["t"][:], across["p"][:], across["given"][:, :3]
+    t, p, force = across["t"][:], across["p"][:], across["wrench_actual"][:, :3]
     wanted = np.column_stack([0 * t, -2.0 * SPRING * p[:, 1], 0 * t])
     distance = np.linalg.norm(force - wanted, axis=1)[t >= 0.4]
     worst, count = int(np.argmax(distance)) + 400, int((distance > 0.02).sum())
@@ -106,11 +106,13 @@ def test_the_ramp_and_an_unknown_force_are_no_match(across: Recording, tmp_path:
 
     def lose(rows: Any) -> None:
         layout = run.latest().layout
-        rows[50, layout["given"]] = rows[50, layout["modelled"]] = np.nan
+        rows[50, layout["wrench_actual"]] = rows[50, layout["wrench_model"]] = np.nan
 
     lost = record_chain(tmp_path / "a.mcap", ticks=60, change=lose)
     with pytest.raises(AssertionError, match="in 1 of 60 ticks"):
-        assert_force_within(lost, np.where(np.isnan(lost["given"][:, :3]), 0.0, lost["given"][:, :3]), newtons=0.0)
+        assert_force_within(
+            lost, np.where(np.isnan(lost["wrench_actual"][:, :3]), 0.0, lost["wrench_actual"][:, :3]), newtons=0.0
+        )
 
 
 def test_a_trip_is_found(tmp_path: Path) -> None:
@@ -126,7 +128,7 @@ def test_a_trip_is_found(tmp_path: Path) -> None:
         (lambda run: assert_force_within(run, (0, 0), newtons=1.0), "shape"),
         (lambda run: assert_force_within(run, "dome", newtons=1.0, between=(8.0, 9.0)), "no tick"),
         (lambda run: assert_force_within(run, "dome", newtons=-1.0), "tolerances"),
-        (lambda run: assert_force_within(run, "dome", newtons=1.0, wrench="felt"), "given"),
+        (lambda run: assert_force_within(run, "dome", newtons=1.0, wrench="felt"), "wrench_actual"),
         (lambda run: assert_force_within(run, "button", newtons=1.0), "memory"),
         (lambda run: assert_force_within(run, "domme", newtons=1.0), "dome"),
         (lambda run: assert_force_within("/nowhere.mcap", "dome", newtons=1.0), "nowhere"),
@@ -173,10 +175,10 @@ def test_a_world_that_fails_ends_the_run_in_words() -> None:
 def test_a_world_is_changed_between_two_ticks() -> None:
     with haptic_device("omni", Dome(), hand=scripted_hand("start 0 0 49 mm")) as run:
         run.play(0.5)
-        before = run.latest().given[2]
+        before = run.latest().wrench_actual[2]
         run.set_world("dome", moment=1.2)
         run.play(0.5)
-        after = run.latest().given[2]
+        after = run.latest().wrench_actual[2]
         with pytest.raises(UnknownName):
             run.set_world("dom")
     assert abs(after) < 0.8 * abs(before)

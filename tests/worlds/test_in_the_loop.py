@@ -41,7 +41,7 @@ def test_a_tool_that_sticks_creeps_less_than_a_micrometre_a_second(elastic):
     def lean(now):
         return [1.5e-3 * min(max(now - 1.0, 0.0), 1.0), 0.0, 0.060]
 
-    x = run(Friction(elastic=elastic), lean, 8.0, "p", "given")
+    x = run(Friction(elastic=elastic), lean, 8.0, "p", "wrench_actual")
     late = np.arange(len(x)) * DT > 4.0
     creep = np.polyfit(np.arange(len(x))[late] * DT, x[late, 0], 1)[0]
     assert np.mean(x[late, 3]) < -0.05  # it holds against the hand

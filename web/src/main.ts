@@ -396,7 +396,7 @@ class Console {
   }
 
   private senses(now: number): void {
-    const force = this.sample.vector("given", firstOf(this.session.scene.gives));
+    const force = this.sample.vector("wrench_actual", firstOf(this.session.scene.gives));
     const size = norm(force);
     const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0);
     const share = size / this.session.limits[this.session.scene.gives];

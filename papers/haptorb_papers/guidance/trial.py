@@ -100,7 +100,7 @@ def run_trial(
     count, first = round(duration * rate), round(_BEGIN * rate)
     places, forces = np.empty((count - first, 3)), np.empty((count - first, 3))
     heats = np.empty(count - first)
-    asked, trip = layout["asked"], layout["trip"]
+    asked, trip = layout["wrench_commanded"], layout["trip"]
     tripped = False
     with driver:
         for n in range(count):

@@ -140,7 +140,7 @@ def list_numbers(replay: Replay, seconds: float, took: float) -> dict[str, Any]:
 
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  #: Okabe and Ito's
-SHOWN = ("t", "asked", "wanted", "p", "w")  #: fields that are drawn
+SHOWN = ("t", "wrench_commanded", "current_commanded", "p", "w")  #: fields that are drawn
 
 
 @final
@@ -174,17 +174,17 @@ def draw_comparison(
     figure = Figure(figsize=(9.0, 10.0), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)  # no window, no global state
     asked, apart, wanted, way = figure.subplots(4, 1, sharex=True, height_ratios=(3, 1.6, 2.4, 2.4))
-    turning = not any(np.nan_to_num(one["asked"][:, :3]).any() for one in (recorded, replayed))
+    turning = not any(np.nan_to_num(one["wrench_commanded"][:, :3]).any() for one in (recorded, replayed))
     part, letter, unit = (slice(3, 6), "T", "N·m") if turning else (slice(0, 3), "F", "N")
     names = [f"${letter}_{axis}$" for axis in "xyz"]
-    _draw_both(asked, recorded, replayed, "asked", part, names)
+    _draw_both(asked, recorded, replayed, "wrench_commanded", part, names)
     asked.set_ylabel(f"asked [{unit}]")
     t, difference = _subtract(recorded, replayed, part)
     for i, values in enumerate(difference.T):
         apart.plot(*thin_curve(t, values), color=_COLOURS[i], linewidth=1.0)
     apart.set_ylabel(f"replayed − recorded\n[{unit}]")
     names = [f"coil {name}".replace("$", r"\$") for name in coils]  # no formulae for matplotlib
-    _draw_both(wanted, recorded, replayed, "wanted", slice(0, len(coils)), names)
+    _draw_both(wanted, recorded, replayed, "current_commanded", slice(0, len(coils)), names)
     wanted.set_ylabel("commanded current [A]")
     moved, label = ("w", "angular velocity [rad/s]") if turning else ("p", "position [m]")
     _draw_both(way, recorded, replayed, moved, slice(0, 3), list("xyz"))
@@ -217,4 +217,4 @@ def _subtract(recorded: Mapping[str, Array], replayed: Mapping[str, Array], part
     """Return the replay's times (n,) [s] and its wrench minus the latest recorded one (n, 3) [N or N·m]."""
     t, then = replayed["t"][:, 0], recorded["t"][:, 0]
     at = np.clip(np.searchsorted(then, t + 1e-7, side="right") - 1, 0, len(then) - 1)
-    return t, replayed["asked"][:, part] - recorded["asked"][at, part]
+    return t, replayed["wrench_commanded"][:, part] - recorded["wrench_commanded"][at, part]

@@ -146,7 +146,7 @@ def _from_recording(path: Path, device: Device) -> HeatRecord:
         )
     if not len(recording) or recording.t.ndim != 1:
         raise CalibrationError(f"{path} has no readings; a thermal record needs at least 20")
-    t, currents = recording.t, recording["currents"].reshape(len(recording), -1)
+    t, currents = recording.t, recording["current_measured"].reshape(len(recording), -1)
     resistance = recording["resistance"].reshape(len(recording), -1)
     boundary = recording["boundary"].reshape(len(recording), -1)
     whole = np.isfinite(np.column_stack([t, currents, resistance, boundary])).all(axis=1)

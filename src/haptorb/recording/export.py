@@ -20,7 +20,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.errors import InputError, RecordingError, UnknownName
 from haptorb.files import escape_formula, foreign_text, replace_file
-from haptorb.recording.row import STAGES, Field, FieldColumn
+from haptorb.recording.row import STAGES, Field, FieldColumn, resolve_name
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -49,14 +49,14 @@ _PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "
 _HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
 #: fields with parts that have names: field → (dimension, names of the parts)
 _PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
-    **dict.fromkeys(("p", "v", "w", "target", "object"), ("axis", _PLACE)),
-    **dict.fromkeys(("q", "target_q", "object_q"), ("quaternion", _TURN)),
-    **dict.fromkeys(("asked", "modelled", "given", "object_wrench"), ("component", _WRENCH)),
+    **dict.fromkeys(("p", "v", "w", "hand_goal", "object"), ("axis", _PLACE)),
+    **dict.fromkeys(("q", "hand_goal_q", "object_q"), ("quaternion", _TURN)),
+    **dict.fromkeys(("wrench_commanded", "wrench_model", "wrench_actual", "object_wrench"), ("component", _WRENCH)),
     "stages": ("stage", STAGES),
     "share": ("motion", ("translation", "rotation")),
     "contacts": ("hook", tuple(f"{part}_{hook}" for hook in (1, 2) for part in _HOOK)),
 }
-_CHANNELS = frozenset({"wanted", "currents", "duties", "resistance", "boundary", "winding"})
+_CHANNELS = frozenset({"current_commanded", "current_measured", "duty_applied", "resistance", "boundary", "winding"})
 
 
 class RecordingNotes(Protocol):
@@ -88,7 +88,7 @@ class Rows(RecordingNotes, Protocol):
 def units_of(field: Field) -> tuple[str, ...]:
     """The unit of each number of `field`: a wrench's "N, N·m" are three forces and three torques.
 
-    >>> units_of(Field("asked", 6, "N, N·m", ""))
+    >>> units_of(Field("wrench_commanded", 6, "N, N·m", ""))
     ('N', 'N', 'N', 'N·m', 'N·m', 'N·m')
     """
     units = tuple(field.unit.split(", "))
@@ -294,6 +294,7 @@ def _choose_fields(recording: RecordingReader, names: Sequence[str] | None) -> t
     known = {field.name: field for field in recording.columns}
     if names is None:
         return recording.columns
+    names = [resolve_name(name) for name in names]
     for name in names:
         if name not in known:
             raise UnknownName("field", name, known)

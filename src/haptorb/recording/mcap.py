@@ -27,7 +27,7 @@ from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 from haptorb.arrays import Array
 from haptorb.errors import RecordingError, quote
 from haptorb.files import foreign_text
-from haptorb.recording.row import Field, RowLayout
+from haptorb.recording.row import EARLIER_NAMES, Field, RowLayout
 from haptorb.version import __version__
 
 __all__ = [
@@ -90,7 +90,7 @@ def describe_fields(fields: Iterable[Field]) -> str:
 
 
 def fields_of(text: str) -> tuple[Field, ...]:
-    """The fields that a `schema` describes. Raises RecordingError for anything but numbers of type float64."""
+    """The fields that a `schema` describes, by today's names. Raises RecordingError for anything but float64."""
     fields: list[Field] = []
     for line in text.splitlines():
         if not line.strip() or line.lstrip().startswith("#"):
@@ -103,10 +103,11 @@ def fields_of(text: str) -> tuple[Field, ...]:
             raise RecordingError(
                 f"the recording's schema has more than {_MAX_WIDTH} numbers in a row, or none: {quote(line)}"
             )
-        if match["name"] in {field.name for field in fields}:
+        name = EARLIER_NAMES.get(match["name"], match["name"])
+        if name in {field.name for field in fields}:
             raise RecordingError(f"the recording's schema has the field '{match['name']}' twice")
         unit, about = foreign_text(match["unit"] or "", 40), foreign_text(match["about"] or "", 1000)
-        fields.append(Field(match["name"], width, unit, about))
+        fields.append(Field(name, width, unit, about))
     return tuple(fields)
 
 

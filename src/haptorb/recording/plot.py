@@ -1,4 +1,4 @@
-"""A recording as a figure: force (or torque) asked and given, energy, currents, temperatures, lateness."""
+"""A recording as a figure: commanded and actual force (or torque), energy, currents, temperatures, lateness."""
 
 from __future__ import annotations
 
@@ -23,7 +23,18 @@ __all__ = ["plot", "thin_curve"]
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _INK, _FAINT = "#222222", "#888888"
 _KELVIN = 273.15
-_FIELDS = ("t", "given", "modelled", "asked", "currents", "boundary", "winding", "lateness", "missed", "guard")
+_FIELDS = (
+    "t",
+    "wrench_actual",
+    "wrench_model",
+    "wrench_commanded",
+    "current_measured",
+    "boundary",
+    "winding",
+    "lateness",
+    "missed",
+    "guard",
+)
 _POINTS = 4000  #: per curve; more are joined so that no peak is lost
 
 
@@ -97,17 +108,17 @@ def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
 
     The force; of a device that gave and was asked for none, the torque.
     """
-    given, label = recording["given"], "given"
+    given, label = recording["wrench_actual"], "actual"
     if not np.isfinite(given).any():
-        given, label = recording["modelled"], "modelled"
-    asked = recording["asked"]
+        given, label = recording["wrench_model"], "by the controller model"
+    asked = recording["wrench_commanded"]
     turning = not (np.nan_to_num(given[:, :3]).any() or asked[:, :3].any()) and asked[:, 3:].any()
     first, letter = (3, "T") if turning else (0, "F")
     for i, name in enumerate("xyz"):
         axes.plot(*thin_curve(t, given[:, first + i]), color=_COLOURS[i], linewidth=1.1, label=f"${letter}_{name}$")
         axes.plot(*thin_curve(t, asked[:, first + i]), color=_COLOURS[i], linewidth=1.1, linestyle=(0, (4, 2)))
     axes.plot([], [], color=_INK, linewidth=1.1, label=label)
-    axes.plot([], [], color=_INK, linewidth=1.1, linestyle=(0, (4, 2)), label="asked")
+    axes.plot([], [], color=_INK, linewidth=1.1, linestyle=(0, (4, 2)), label="commanded")
     axes.set_ylabel("torque [N·m]" if turning else "force [N]")
 
 
@@ -127,7 +138,7 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
 
 
 def _currents(axes: Axes, recording: Fields, t: Array) -> None:
-    columns = _columns(np.asarray(recording["currents"]))
+    columns = _columns(np.asarray(recording["current_measured"]))
     for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
         axes.plot(*thin_curve(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {name}")
     axes.set_ylabel("current [A]")

@@ -23,7 +23,7 @@ from haptorb.files import foreign_name, foreign_text, open_regular
 from haptorb.recording.export import Export, make_data_frame, make_dataset
 from haptorb.recording.mcap import MAGIC, TOPIC, McapReader, MissingRows, is_mcap
 from haptorb.recording.plot import plot
-from haptorb.recording.row import Field, FieldColumn, RowLayout
+from haptorb.recording.row import Field, FieldColumn, RowLayout, resolve_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -261,23 +261,26 @@ def _count_missing(missing: Sequence[MissingRows]) -> str:
     return f"at least {_count(known, 'row')} are missing" if known else "rows (their number is unknown) are missing"
 
 
+_WRENCHES = ("commanded", "actual")
+
+
 def draw_force(recording: Summarized) -> str:
-    """The size of the force asked and given [N] over time [s], as SVG; of a device without forces the torque [N·m].
+    """The size of commanded and actual force [N] over time [s], as SVG; of a device without forces the torque [N·m].
 
     Empty without rows, and for a long recording: `plot` draws it.
     """
     known = {field.name for field in recording.fields}
-    if recording.long or not {"t", "asked", "given"} <= known or len(recording) < 2:
+    if recording.long or not {"t", "wrench_commanded", "wrench_actual"} <= known or len(recording) < 2:
         return ""
-    given, name = np.asarray(recording["given"]), "given"
-    if not np.isfinite(given).any() and "modelled" in known:
-        given, name = np.asarray(recording["modelled"]), "modelled"
-    asked = np.asarray(recording["asked"])
+    given, name = np.asarray(recording["wrench_actual"]), "actual"
+    if not np.isfinite(given).any() and "wrench_model" in known:
+        given, name = np.asarray(recording["wrench_model"]), "by the controller model"
+    asked = np.asarray(recording["wrench_commanded"])
     if asked.ndim != 2 or asked.shape[1] != 6 or given.shape != asked.shape:
         return ""
     turning = not (np.nan_to_num(given[:, :3]).any() or np.nan_to_num(asked[:, :3]).any())
     part = slice(3, 6) if turning else slice(0, 3)
-    curves = [(name, _size(given[:, part])), ("asked", _size(asked[:, part]))]
+    curves = [(name, _size(given[:, part])), ("commanded", _size(asked[:, part]))]
     return curves_svg(np.asarray(recording["t"]), curves, "s", "torque [N·m]" if turning else "force [N]")
 
 
@@ -288,13 +291,14 @@ def measure_run(recording: Summarized) -> dict[str, float]:
     """
     known = {field.name for field in recording.fields}
     found = {}
-    for name in ("asked", "given"):
-        if name in known and recording[name].ndim == 2 and recording[name].shape[1] == 6:
-            values = recording[name][:]
+    for name in _WRENCHES:
+        field = f"wrench_{name}"
+        if field in known and recording[field].ndim == 2 and recording[field].shape[1] == 6:
+            values = recording[field][:]
             found[f"largest_{name}_force_n"] = _largest(_size(values[:, :3]))
             found[f"largest_{name}_torque_nm"] = _largest(_size(values[:, 3:]))
-    if "currents" in known:
-        found["largest_current_a"] = _largest(np.abs(recording["currents"]))
+    if "current_measured" in known:
+        found["largest_current_a"] = _largest(np.abs(recording["current_measured"]))
     if "winding" in known:
         found["warmest_winding_k"] = _largest(recording["winding"][:])
     if "saturated" in known:
@@ -312,11 +316,11 @@ def measure_run(recording: Summarized) -> dict[str, float]:
 def _describe_run(found: Mapping[str, float]) -> list[tuple[str, str]]:
     """Format the results of `measure_run`."""
     facts = []
-    for name in ("asked", "given"):
+    for name in _WRENCHES:
         if f"largest_{name}_force_n" in found:
             force, torque = found[f"largest_{name}_force_n"], found[f"largest_{name}_torque_nm"]
             text = f"{format_quantity(force, 'N')}, {format_quantity(torque, 'N·m')}"
-            facts.append((f"largest {name}", text if np.isfinite(force) else "unknown"))
+            facts.append((f"largest {name} wrench", text if np.isfinite(force) else "unknown"))
     if "largest_current_a" in found:
         facts.append(("largest current", format_quantity(found["largest_current_a"], "A")))
     if "warmest_winding_k" in found:
@@ -522,6 +526,7 @@ class Recording:
 
         `recording["p"][a:b]` reads no more of a long file than these ticks.
         """
+        name = resolve_name(name)
         if name not in self._at:
             raise UnknownName("field", name, self._at)
         columns = self._at[name]
@@ -552,11 +557,12 @@ class Recording:
             If there is no such field.
         """
         known = {field.name for field in self.columns} | set(self._at)
+        fields = [resolve_name(name) for name in fields]
         for name in fields:
             if name not in known:
                 raise UnknownName("field", name, known)
         rows = self._read(first, last, slice(None))
-        if list(fields) == list(self._at):
+        if fields == list(self._at):
             return rows
         parts = {name: rows[:, self._at[name]] for name in fields if name in self._at}
         if len(parts) < len(set(fields)):
@@ -736,7 +742,7 @@ class Recording:
         return facts_html(f"Recording {self.path.name}", list_facts(self), draw_force(self))
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Plot the run: force asked and given, currents, temperatures, lateness.
+        """Plot the run: commanded and actual force, currents, temperatures, lateness.
 
         Parameters
         ----------

@@ -7,11 +7,12 @@ for each name; recordings carry the names as their schema, and the documentation
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from types import MappingProxyType
 from typing import Any, final
+from warnings import warn
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -23,7 +24,7 @@ from haptorb.devices.base import Device
 from haptorb.display import facts_html, format_number, format_quantity, format_vector
 from haptorb.errors import UnknownName
 
-__all__ = ["MEMORY_ROOM", "STAGES", "Field", "FieldColumn", "LatestRow", "RowLayout"]
+__all__ = ["EARLIER_NAMES", "MEMORY_ROOM", "STAGES", "Field", "FieldColumn", "LatestRow", "RowLayout", "resolve_name"]
 
 
 #: numbers of a world's memory for which every row has room; a servo that is given a world with more has more
@@ -31,6 +32,29 @@ MEMORY_ROOM = 32
 
 #: the stages of a tick, in order; each has its own time in the row
 STAGES = ("read", "estimate", "world", "allocate", "guard", "write", "record")
+
+
+#: names of fields before 0.2.0 → names now: recordings, layouts and rows accept both
+EARLIER_NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        "target": "hand_goal", "target_q": "hand_goal_q", "asked": "wrench_commanded", "modelled": "wrench_model",
+        "given": "wrench_actual", "wanted": "current_commanded", "currents": "current_measured",
+        "duties": "duty_applied", "drive": "duty_commanded", "currents_age": "current_age",
+    }
+)  # fmt: skip
+
+
+def resolve_name(name: str, stacklevel: int = 3) -> str:
+    """Return today's name of the field `name`; a remark (DeprecationWarning) for one of `EARLIER_NAMES`.
+
+    >>> resolve_name("p")
+    'p'
+    """
+    now = EARLIER_NAMES.get(name)
+    if now is None:
+        return name
+    warn(f"the field '{name}' is now called '{now}'", DeprecationWarning, stacklevel=stacklevel)
+    return now
 
 
 @dataclass(frozen=True)
@@ -73,7 +97,7 @@ class RowLayout:
             Field("guard", 1, "1", "state of the guard: 0 off, 1 ramping, 2 running, 3 derated, 4 tripped"),
             Field("trip", 1, "1", "code of the reason for the last trip, 0 for none"),
             Field("coil_state", 1, "1", "whether current can flow: 0 off (confirmed), 1 on, 2 unknown"),
-            Field("gain", 1, "1", "share of the asked wrench that the guard passes, 0 to 1"),
+            Field("gain", 1, "1", "share of the world's wrench that the guard passes, 0 to 1"),
             Field("world", 1, "1", "number of changes of the world"),
             Field("valid", 1, "1", "1 if the pose is valid"),
             Field("age", 1, "s", "age of the pose"),
@@ -81,14 +105,14 @@ class RowLayout:
             Field("q", 4, "1", "estimated orientation R_SR as a quaternion (x, y, z, w)"),
             Field("v", 3, "m/s", "estimated velocity"),
             Field("w", 3, "rad/s", "estimated angular velocity, stator frame"),
-            Field("target", 3, "m", "pointer target: where the hand wants the mover"),
-            Field("target_q", 4, "1", "orientation of the pointer target, quaternion (x, y, z, w)"),
-            Field("asked", 6, "N, N·m", "wrench that the world commands, after the guard's limits"),
-            Field("modelled", 6, "N, N·m", "wrench of the measured currents, by the controller model"),
-            Field("given", 6, "N, N·m", "wrench of coils and core on the mover; NaN where unknown"),
-            Field("wanted", m, "A", "commanded currents, after the guard"),
-            Field("currents", m, "A", "measured currents"),
-            Field("duties", m, "1", "applied duties"),
+            Field("hand_goal", 3, "m", "where the hand wants the mover: its goal"),
+            Field("hand_goal_q", 4, "1", "orientation of the hand's goal, quaternion (x, y, z, w)"),
+            Field("wrench_commanded", 6, "N, N·m", "commanded wrench: that of the world, after the guard's limits"),
+            Field("wrench_model", 6, "N, N·m", "wrench of the measured currents, by the controller model"),
+            Field("wrench_actual", 6, "N, N·m", "actual wrench of coils and core on the mover; NaN where unknown"),
+            Field("current_commanded", m, "A", "commanded currents, after the guard"),
+            Field("current_measured", m, "A", "measured currents"),
+            Field("duty_applied", m, "1", "applied duties"),
             Field("resistance", m, "Ω", "running estimate of each coil's resistance"),
             Field("boundary", m, "K", "boundary temperature of each coil, measured"),
             Field("winding", m, "K", "winding temperature of each coil, estimated by the guard's thermal model"),
@@ -119,7 +143,7 @@ class RowLayout:
                 "energy",
                 1,
                 "J",
-                "energy delivered to the hand by the wrench asked since the world started; negative: received",
+                "energy delivered to the hand by the commanded wrench since the world started; negative: received",
             ),
             Field(
                 "balance",
@@ -130,8 +154,10 @@ class RowLayout:
             Field("injected", 1, "N·s/m", "damping added because the balance was negative"),
             Field("softened", 1, "1", "share of the world's wrench taken away because the loop went on oscillating"),
             # what the driver read and wrote, and what was commanded: a replay needs nothing else
-            Field("drive", m, "1", "duties commanded by the drive, before the driver's clipping and quantisation"),
-            Field("currents_age", 1, "s", "age of the measured currents at the beginning of the tick"),
+            Field(
+                "duty_commanded", m, "1", "duties commanded by the drive, before the driver's clipping and quantisation"
+            ),
+            Field("current_age", 1, "s", "age of the measured currents at the beginning of the tick"),
             Field("field_age", 1, "s", "age of the field sensors' readings at the beginning of the tick"),
             Field("pose_t", 1, "s", "time at which the tracker's pose was measured, on the loop's clock"),
             Field("pose_valid", 1, "1", "1 if the tracker reports its pose as valid"),
@@ -193,7 +219,8 @@ class RowLayout:
         >>> RowLayout(channels=3, sensors=0)["p"]
         slice(20, 23, None)
         """
-        return self._slices[name]
+        found = self._slices.get(name)
+        return self._slices[resolve_name(name)] if found is None else found
 
     def empty(self) -> Array:
         """A row of NaN, shape (width,); the unit of a number, [m] of `p`, [A] of `currents`, is that of its field."""
@@ -317,7 +344,7 @@ _ICE = 273.15  #: [K]
 
 @final
 class LatestRow:
-    """One tick: `row.given` or `row["given"]`, in SI units; `row.units["given"]` is the unit.
+    """One tick: `row.wrench_actual` or `row["wrench_actual"]`, in SI units; `row.units["wrench_actual"]` is the unit.
 
     A field with one number is a float, any other an array (width,). `row.temperature` is `row.winding`. `row.numbers`
     holds all numbers in the order of the layout; a slice of the layout selects from it, as `row[layout["p"]]`.
@@ -327,9 +354,9 @@ class LatestRow:
     >>> row = LatestRow(layout, np.zeros(layout.width))
     >>> row.gain, row["p"].tolist(), row.units["p"]
     (0.0, [0.0, 0.0, 0.0], 'm')
-    >>> row["giben"]  # doctest: +ELLIPSIS
+    >>> row["wrench_actua"]  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    haptorb.errors.UnknownName: unknown field of a row 'giben'; did you mean 'given'? (known: age, ...)
+    haptorb.errors.UnknownName: unknown field of a row 'wrench_actua'; did you mean 'wrench_actual'? (known: age, ...)
     """
 
     __slots__ = ("layout", "numbers")
@@ -351,6 +378,8 @@ class LatestRow:
             return self.numbers[name]
         known = {field.name: field.width for field in self.layout.fields}
         name = _ALSO.get(name, name)
+        if name not in known and name in EARLIER_NAMES:
+            name = resolve_name(name)
         if name not in known:
             raise UnknownName("field of a row", name, [*known, *_ALSO])
         values = self.numbers[self.layout[name]]
@@ -374,7 +403,7 @@ class LatestRow:
         """Time, state of the guard, and the main quantities with their units; two lines."""
         coils = _describe_state("coil_state", self.coil_state)
         warm = f"winding at most {format_number(float(np.max(self.winding)) - _ICE)} °C"
-        main = [f"{name} {self._format(name)}" for name in ("p", "asked", "given")]
+        main = [f"{name} {self._format(name)}" for name in ("p", "wrench_commanded", "wrench_actual")]
         return (
             f"<LatestRow of tick {format_number(self.tick, 15)}, {self.t:.3f} s: guard "
             f"{_describe_state('guard', self.guard)}, coils {coils}\n  {'; '.join([*main, warm])}>"

@@ -235,7 +235,7 @@ class RecordedTick:
         if not whole:
             return
         nothing = np.full((n, 6), np.nan)
-        asked = block.get("object_wrench", block.get("asked", nothing))
+        asked = block.get("object_wrench", block.get("wrench_commanded", nothing))
         self._wrench = list(np.nan_to_num(np.ascontiguousarray(asked)))
         hooks = block.get("contacts")
         self._contacts = (
@@ -513,17 +513,25 @@ class PlayedDriver(Driver):
         field = rows("field").reshape(n, sensors, 3) if sensors and "field" in block else np.zeros((n, sensors, 3))
         with np.errstate(invalid="ignore"):  # in a damaged file
             waited = t - block["t"][:, 0]  # 0, but where the replay has another rate
-        ages = rows("currents_age")[:, 0] + waited, rows("field_age")[:, 0] + waited
+        ages = rows("current_age")[:, 0] + waited, rows("field_age")[:, 0] + waited
         poses = map(
             Pose, block["pose_t"][:, 0].tolist(), R, rows("pose_p"), rows("pose_w"), rows("pose_v"),
             (block["pose_valid"][:, 0] == 1.0).tolist(),
         )  # fmt: skip
         self._samples = list(
-            map(Sample, t.tolist(), rows("currents"), rows("boundary"), field, poses, *(age.tolist() for age in ages))
+            map(
+                Sample,
+                t.tolist(),
+                rows("current_measured"),
+                rows("boundary"),
+                field,
+                poses,
+                *(age.tolist() for age in ages),
+            )
         )
-        self._duties = list(rows("duties"))
-        self._truths = list(rows("given"))
-        self._targets = list(np.concatenate((rows("target"), rows("target_q")), axis=1))
+        self._duties = list(rows("duty_applied"))
+        self._truths = list(rows("wrench_actual"))
+        self._targets = list(np.concatenate((rows("hand_goal"), rows("hand_goal_q")), axis=1))
         codes = block["coil_state"][:, 0].tolist()
         states = {code: _coil_state(code) for code in set(codes)}
         self._coils = [states[code] for code in codes]

@@ -97,11 +97,11 @@ class UnpackedRows:
 
 #: without these a recording is replayed from what the estimator made of the samples
 SAMPLE_FIELDS = (
-    "drive", "currents_age", "field_age", "pose_t", "pose_valid", "pose_p", "pose_r", "pose_v", "pose_w", "commands",
-    "torque_scale", "failures", "coil_state",
+    "duty_commanded", "current_age", "field_age", "pose_t", "pose_valid", "pose_p", "pose_r", "pose_v", "pose_w",
+    "commands", "torque_scale", "failures", "coil_state",
 )  # fmt: skip
-_NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v", "w", "currents",
-           "boundary", "duties")  # fmt: skip
+_NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v", "w", "current_measured",
+           "boundary", "duty_applied")  # fmt: skip
 _PLAYED_ROWS_PIECE = 1024  #: rows that are read at once: whole rows are unpacked
 _COMMANDS = 2.0**31  #: more than all commands together
 _ROOM = 512 * 1024 * 1024  #: bytes of rows that are unpacked once and kept; more are unpacked again, block by block
@@ -217,10 +217,10 @@ class PlayedRows:
         """The tracker's pose is taken as the pose in use, and the readings as those of the tick itself."""
         count = len(block["t"])
         valid = np.nan_to_num(block["valid"]) == 1.0
-        failed = np.isnan(block["currents"]).all(axis=1, keepdims=True) & ~np.isfinite(block["p"][:, :1])
+        failed = np.isnan(block["current_measured"]).all(axis=1, keepdims=True) & ~np.isfinite(block["p"][:, :1])
         made: Mapping[str, Array] = {
-            "drive": np.full_like(block["duties"], np.nan),
-            "currents_age": np.zeros((count, 1)),
+            "duty_commanded": np.full_like(block["duty_applied"], np.nan),
+            "current_age": np.zeros((count, 1)),
             "field_age": np.zeros((count, 1)),
             "pose_t": block["t"] - np.nan_to_num(block["age"], posinf=1e9),
             "pose_valid": valid.astype(np.float64),
@@ -232,7 +232,7 @@ class PlayedRows:
             "coil_state": np.full((count, 1), float(CoilState.UNKNOWN)),
             "failures": np.where(failed, float(TickFailure.READ), 0.0),
         }
-        widths = {"target": 3, "target_q": 4, "given": 6}
+        widths = {"hand_goal": 3, "hand_goal_q": 4, "wrench_actual": 6}
         others = {name: np.full((count, width), np.nan) for name, width in widths.items()}
         others["stages"] = np.zeros((count, len(STAGES)))
         return {**others, **made, **block}

@@ -148,7 +148,7 @@ _EXPORTED = tuple(
     {"t": "t", "buttons": "buttons", "grip": "grip"}
     | {f"{place}[{i}]": name for i, name in enumerate("xyz")}
     | {f"{turn}[{i}]": f"q{name}" for i, name in enumerate("xyzw")}
-    for place, turn in (("target", "target_q"), ("p", "q"))
+    for place, turn in (("hand_goal", "hand_goal_q"), ("p", "q"))
 )
 _SEPARATORS = ",;\t"
 
@@ -314,12 +314,12 @@ _WIDEST = 0.2  #: opening of a gripper between finger and thumb [m]
 def _read_recording(path: Path, device: Device) -> ScriptedMotion:
     """The motion of the hand in the recording `path`."""
     recording = Recording(path)
-    recording.require("t", "valid", "target", "target_q", "p", "q")
+    recording.require("t", "valid", "hand_goal", "hand_goal_q", "p", "q")
     if len(recording) > _SAMPLES:
         raise InputError(f"{path} has {len(recording)} rows; a hand file has at most {_SAMPLES}: use a part of it")
     known = {field.name for field in recording.fields}
     t = np.asarray(recording["t"])
-    poses = np.column_stack([recording["target"], recording["target_q"]])
+    poses = np.column_stack([recording["hand_goal"], recording["hand_goal_q"]])
     if not np.isfinite(poses).any():
         poses = np.column_stack([recording["p"], recording["q"]])
         poses[np.asarray(recording["valid"]) != 1.0] = np.nan

@@ -58,10 +58,10 @@ def publish_row(
     row[at.buttons], row[at.grip] = most.buttons | most.hand_buttons, most.grip
     for i in range(row.shape[0]):
         slot[i] = row[i]
-    given = at.given
+    given = at.wrench_actual
     force = _size(row, given)
     if force != force:  # the actual wrench is unknown
-        given = at.modelled
+        given = at.wrench_model
         force = _size(row, given)
     if force > most.peak:
         most.peak = force
@@ -321,7 +321,7 @@ class Loop:
         row[at["tick"]] = self._ticks
         row[at["wall"]] = monotonic_ns() * 1e-9
         row[at["lateness"]] = row[at["missed"]] = row[at["gain"]] = 0.0
-        row[at["asked"]] = row[at["wanted"]] = row[at["duties"]] = 0.0
+        row[at["wrench_commanded"]] = row[at["current_commanded"]] = row[at["duty_applied"]] = 0.0
         row[at["guard"]] = GuardState.OFF if failed is None else GuardState.TRIPPED
         row[at["trip"]] = Trip.CLOSING if failed is None else failed
         row[at["coil_state"]] = self._chain.driver.coil_state

@@ -782,7 +782,7 @@ class Servo:
             return str(cause)
         if row.guard == GuardState.TRIPPED:
             return f"running, coils off. {Trip(int(row.trip)).text}"
-        return f"running, given {format_vector(row.given[:3], 'N')}"
+        return f"running, actual force {format_vector(row.wrench_actual[:3], 'N')}"
 
     @property
     def alive(self) -> bool:
@@ -877,12 +877,12 @@ class Servo:
         cursor : int
             New cursor.
         rows : ndarray, shape (n, width)
-            New rows, oldest first, each field in its unit [SI]; `layout["given"]` are the columns of a field.
+            New rows, oldest first, each field in its unit [SI]; `layout["wrench_actual"]` are the columns of a field.
         """
         return self._memory.ring.read_since(cursor, most)
 
     def latest(self) -> LatestRow:
-        """Read the newest tick, by field name: `latest().given` or `latest()["given"]`.
+        """Read the newest tick, by field name: `latest().wrench_actual` or `latest()["wrench_actual"]`.
 
         Returns
         -------

@@ -140,7 +140,7 @@ def fill_silent_row(row: Array, layout: RowLayout, protection: Protection, coil_
     row[layout["guard"]] = protection.guard_state
     row[layout["trip"]] = protection.reason
     row[layout["coil_state"]] = coil_state
-    row[layout["gain"]] = row[layout["valid"]] = row[layout["wanted"]] = 0.0
+    row[layout["gain"]] = row[layout["valid"]] = row[layout["current_commanded"]] = 0.0
 
 
 # --------------------------------------------------------------------------------------------------
@@ -201,19 +201,19 @@ def fill_row(
     fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
     _copy(row, at.v, e.velocity[:])
     _copy(row, at.w, e.angular_velocity[:])
-    _copy(row, at.target, target)  # and target_q, which follows
-    _copy(row, at.asked, g.asked[:])
-    _copy(row, at.given, given)
-    _copy(row, at.duties, applied)
+    _copy(row, at.hand_goal, target)  # and target_q, which follows
+    _copy(row, at.wrench_commanded, g.asked[:])
+    _copy(row, at.wrench_actual, given)
+    _copy(row, at.duty_applied, applied)
     for i in range(6):
-        row[at.modelled + i] = 0.0
+        row[at.wrench_model + i] = 0.0
     for j in range(coils.size):
         c = coils[j]
-        row[at.wanted + j], row[at.currents + j] = c.held, c.current
-        row[at.resistance + j], row[at.drive + j] = c.resistance, c.duty
+        row[at.current_commanded + j], row[at.current_measured + j] = c.held, c.current
+        row[at.resistance + j], row[at.duty_commanded + j] = c.resistance, c.duty
         row[at.boundary + j], row[at.winding + j] = c.boundary, c.winding
         for i in range(6):
-            row[at.modelled + i] += c.wrench[i] * c.current
+            row[at.wrench_model + i] += c.wrench[i] * c.current
     _copy_table(row, at.field, field)
     _copy(row, at.stages, stages)
     row[at.guard], row[at.trip], row[at.gain], row[at.remaining] = g.state, g.reason, g.gain, heat.remaining
@@ -450,7 +450,7 @@ class WorldBudget:
 
 
 #: scalar fields that a tick fills itself; the first is the start of those of `fill_pose`
-_SINGLE = ("currents_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged")
+_SINGLE = ("current_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged")
 
 
 class Tick(Stateful):
@@ -754,7 +754,7 @@ class Tick(Stateful):
             self._applied = self._zeros
         self.protection.skip_tick(now)
         fill_silent_row(row, self.layout, self.protection, self.driver.coil_state, now)
-        row[self.layout["world"]], row[self.layout["duties"]] = self.world_changes, self._applied
+        row[self.layout["world"]], row[self.layout["duty_applied"]] = self.world_changes, self._applied
         self._log.fill(row.data, self._log_places)
 
 

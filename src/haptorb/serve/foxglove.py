@@ -276,7 +276,7 @@ def make_json_schema(name: str, title: str, properties: dict[str, Any]) -> Topic
 ARROW = 0.01  #: length of the arrow of 1 N [m]
 _ZERO_CELSIUS_K = 273.15  #: 0 °C [K]
 _AXES = ("x", "y", "z")
-_WRENCHES = ("asked", "modelled", "given")
+_WRENCHES = ("commanded", "model", "actual")
 
 
 @final
@@ -318,14 +318,14 @@ class RowMessages:
             RowTopic(
                 make_json_schema("/wrench", "haptorb.Wrench", {name: _make_object(wrench) for name in _WRENCHES}),
                 100.0,
-                "wrenches asked, modelled and given",
+                "commanded, modelled and actual wrench",
                 self._encode_wrench,
             ),
             RowTopic(
                 make_json_schema(
                     "/currents",
                     "haptorb.Currents",
-                    {"wanted_a": _make_object(coils), "measured_a": _make_object(coils)},
+                    {"commanded_a": _make_object(coils), "measured_a": _make_object(coils)},
                 ),
                 100.0,
                 "currents commanded and measured, by coil",
@@ -361,7 +361,7 @@ class RowMessages:
         return float(row[self._layout[name].start])
 
     def _encode_frames(self, row: Array, stamp: int) -> bytes:
-        frames = [(MOVER, "p", "q"), ("target", "target", "target_q")]
+        frames = [(MOVER, "p", "q"), ("hand_goal", "hand_goal", "hand_goal_q")]
         if self._moded:
             frames.append(("object", "object", "object_q"))
         transforms = [
@@ -384,7 +384,7 @@ class RowMessages:
         return PoseInFrame(timestamp=make_stamp(stamp), frame_id=STATOR, pose=pose).encode()
 
     def _encode_arrow(self, row: Array, stamp: int) -> bytes:
-        force, place = row[self._layout["modelled"]][:3], self._read_field(row, "p")
+        force, place = row[self._layout["wrench_model"]][:3], self._read_field(row, "p")
         size = float(np.linalg.norm(force))
         arrows = []
         if math.isfinite(size) and size > 1e-6 and all(map(math.isfinite, place)):
@@ -404,13 +404,15 @@ class RowMessages:
     def _encode_wrench(self, row: Array, stamp: int) -> bytes:
         found = {}
         for name in _WRENCHES:
-            numbers = self._read_field(row, name)
+            numbers = self._read_field(row, f"wrench_{name}")
             found[name] = {"force_n": _zip_names(_AXES, numbers[:3]), "torque_nm": _zip_names(_AXES, numbers[3:])}
         return _to_json(found, stamp)
 
     def _encode_currents(self, row: Array, stamp: int) -> bytes:
-        wanted, measured = (_zip_names(self._coils, self._read_field(row, name)) for name in ("wanted", "currents"))
-        return _to_json({"wanted_a": wanted, "measured_a": measured}, stamp)
+        wanted, measured = (
+            _zip_names(self._coils, self._read_field(row, name)) for name in ("current_commanded", "current_measured")
+        )
+        return _to_json({"commanded_a": wanted, "measured_a": measured}, stamp)
 
     def _encode_temperatures(self, row: Array, stamp: int) -> bytes:
         found = {}

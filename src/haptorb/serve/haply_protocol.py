@@ -243,7 +243,7 @@ class Cursor:
         self._direct = not served.facts.get("modes")
         self._p = layout["p" if self._direct else "object"]
         self._v, self._q = layout["v"], layout["q"]
-        self._force = layout["asked" if self._direct else "object_wrench"].start
+        self._force = layout["wrench_commanded" if self._direct else "object_wrench"].start
         self._t = layout["t"].start
         self._guard, self._trip, self._valid = layout["guard"].start, layout["trip"].start, layout["valid"].start
         self._injected, self._softened = layout["injected"].start, layout["softened"].start

@@ -319,7 +319,7 @@ class NativeServer:
         layout = served.layout
         self._at = {name: layout[name] for name in ("t", "wall", "valid", "guard", "trip", "q", "v", "w", "winding")}
         self._at["p"] = layout["p" if self._direct else "object"]
-        self._at["force"] = layout["asked" if self._direct else "object_wrench"]
+        self._at["force"] = layout["wrench_commanded" if self._direct else "object_wrench"]
         self._tick, self._t, self._p, self._known = -1, 0.0, (0.0, 0.0, 0.0), False
         self._velocity, self._q, self._trips = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), [0] * SLOTS
         self._claim, self._session, self._sequence = 0, 0, 0

@@ -270,19 +270,24 @@ OUTGOING = (
     Outgoing("/haptorb/orientation", "q", "x y z w", "1", "orientation of the mover, quaternion"),
     Outgoing("/haptorb/velocity", "v", "x y z", "m/s", "velocity of the mover"),
     Outgoing("/haptorb/angular_velocity", "w", "x y z", "rad/s", "angular velocity of the mover"),
-    Outgoing("/haptorb/force", "modelled", "x y z", "N", "force of the measured currents on the mover", last=3),
-    Outgoing("/haptorb/torque", "modelled", "x y z", "N·m", "torque of the measured currents on the mover", first=3),
+    Outgoing("/haptorb/force", "wrench_model", "x y z", "N", "force of the measured currents on the mover", last=3),
     Outgoing(
-        "/haptorb/force/asked", "asked", "x y z", "N", "force commanded: that of the worlds, after the guard", last=3
+        "/haptorb/torque", "wrench_model", "x y z", "N·m", "torque of the measured currents on the mover", first=3
     ),
     Outgoing(
-        "/haptorb/torque/asked",
-        "asked",
+        "/haptorb/force/commanded", "wrench_commanded", "x y z", "N", "force of the worlds, after the guard", last=3
+    ),
+    Outgoing(
+        "/haptorb/torque/commanded",
+        "wrench_commanded",
         "x y z",
         "N·m",
-        "torque commanded: that of the worlds, after the guard",
+        "torque of the worlds, after the guard",
         first=3,
     ),
+    # as it was called before 0.2.0
+    Outgoing("/haptorb/force/asked", "wrench_commanded", "x y z", "N", "earlier name of force/commanded", last=3),
+    Outgoing("/haptorb/torque/asked", "wrench_commanded", "x y z", "N·m", "earlier name of torque/commanded", first=3),
     Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object, a motor's target"),
     Outgoing("/haptorb/object/orientation", "object_q", "x y z w", "1", "orientation of the object, quaternion"),
     Outgoing("/haptorb/object/force", "object_wrench", "x y z", "N", "force of the worlds on the object", last=3),

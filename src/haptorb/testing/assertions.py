@@ -16,6 +16,7 @@ from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.errors import InputError, quote
 from haptorb.recording.recording import Recording
+from haptorb.recording.row import resolve_name
 from haptorb.testing.run import TEMPORARY
 from haptorb.worlds import find_world
 from haptorb.worlds.base import World
@@ -28,7 +29,7 @@ Reference: TypeAlias = ArrayLike | str | World | Callable[[State], Any] | Record
 
 Rows: TypeAlias = NDArray[np.intp]  #: numbers of ticks
 
-_SHOWN = "given", "modelled", "asked", "object_wrench"
+_SHOWN = "wrench_actual", "wrench_model", "wrench_commanded", "object_wrench"
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def assert_force_within(
     newtons: float,
     share: float = 0.0,
     between: tuple[float, float] | None = None,
-    wrench: str = "given",
+    wrench: str = "wrench_actual",
 ) -> None:
     """Assert that the force on the mover is that of a reference, in every tick.
 
@@ -69,8 +70,9 @@ def assert_force_within(
     between : tuple of float, optional
         First and last time on the loop's clock [s]; None: all ticks.
     wrench : str
-        "given" (of coils and core on the mover; where unknown, as on a real device, "modelled" is used), "modelled",
-        "asked" (after the guard's limits) or "object_wrench" (of the world).
+        Field of the recording: "wrench_actual" (of coils and core on the mover; where unknown, as on a real device,
+        "wrench_model" is used), "wrench_model", "wrench_commanded" (after the guard's limits) or "object_wrench" (of
+        the world).
 
     Raises
     ------
@@ -99,7 +101,7 @@ def assert_torque_within(
     newton_metres: float,
     share: float = 0.0,
     between: tuple[float, float] | None = None,
-    wrench: str = "given",
+    wrench: str = "wrench_actual",
 ) -> None:
     """Assert that the torque on the mover is that of a reference, in every tick.
 
@@ -196,11 +198,12 @@ def _assert_within(
 
 def _read_part(run: Recording, rows: Rows, wrench: str, quantity: _Quantity) -> Array:
     """(n, 3) of the recorded wrench; modelled where what was given is unknown."""
+    wrench = resolve_name(wrench)
     there: Array = np.asarray(run[wrench])[rows][:, quantity.part]
     unknown = ~np.isfinite(there).all(axis=1)
-    if wrench == "given" and unknown.any():
+    if wrench == "wrench_actual" and unknown.any():
         there = there.copy()
-        there[unknown] = np.asarray(run["modelled"])[rows][unknown][:, quantity.part]
+        there[unknown] = np.asarray(run["wrench_model"])[rows][unknown][:, quantity.part]
     return there
 
 

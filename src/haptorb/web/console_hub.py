@@ -347,8 +347,8 @@ class ConsoleSocketHub:
         columns = Columns(servo.layout, bool(servo.modes))
         self._index = columns.index
         layout = servo.layout
-        self._t, self._tick, self._target = layout["t"].start, layout["tick"].start, layout["target"]
-        self._turn = layout["target_q"]
+        self._t, self._tick, self._target = layout["t"].start, layout["tick"].start, layout["hand_goal"]
+        self._turn = layout["hand_goal_q"]
         if servo.modes:
             prepare()
         self._world: tuple[str, dict[str, Any], str, bool] = ("", {}, "", False)

@@ -32,11 +32,11 @@ _MAX_EVENTS = 400  #: stored events of each kind
 
 #: name, unit, field, elements of it; of a vector of three the norm, else each element
 CHANNELS = (
-    ("force delivered", "N", "given", slice(0, 3)),
-    ("force commanded", "N", "asked", slice(0, 3)),
-    ("torque delivered", "N·m", "given", slice(3, 6)),
-    ("torque commanded", "N·m", "asked", slice(3, 6)),
-    ("currents", "A", "currents", slice(None)),
+    ("force delivered", "N", "wrench_actual", slice(0, 3)),
+    ("force commanded", "N", "wrench_commanded", slice(0, 3)),
+    ("torque delivered", "N·m", "wrench_actual", slice(3, 6)),
+    ("torque commanded", "N·m", "wrench_commanded", slice(3, 6)),
+    ("currents", "A", "current_measured", slice(None)),
     ("temperature", "K", "winding", slice(None)),
 )
 _EVENT_FIELDS = ("world", "guard", "trip", "tick")
@@ -85,7 +85,7 @@ class OverviewBins:
     def _add_range(self, channel: int, values: Array, bins: Any, usable: Any) -> None:
         if values.shape[1] == 0:
             return
-        if CHANNELS[channel][2] in ("given", "asked"):
+        if CHANNELS[channel][2] in ("wrench_actual", "wrench_commanded"):
             size = np.sqrt(np.square(values).sum(axis=1))
             least, most = size, size
         else:

@@ -29,7 +29,18 @@ _POINTER = struct.Struct("<9d")
 #: columns sent to the page, in this order; `t` and `tick` are sent relative to the header's t0 and tick0
 COLUMNS = (
     *("t", "tick", "lateness", "missed", "guard", "trip", "coil_state", "gain", "world", "model", "valid", "age"),
-    *("p", "q", "target", "target_q", "asked", "given", "wanted", "currents", "winding", "remaining"),
+    *(
+        "p",
+        "q",
+        "hand_goal",
+        "hand_goal_q",
+        "wrench_commanded",
+        "wrench_actual",
+        "current_commanded",
+        "current_measured",
+        "winding",
+        "remaining",
+    ),
     *("saturated", "part", "memory"),
 )
 

@@ -92,7 +92,7 @@ def trace_rows(layout: RowLayout, rows: Array) -> Array:
     """(n, 18) by COLUMNS and HAND: ticks of the servo's `rows` (n, width) with a valid pose."""
     known = rows[rows[:, layout["valid"].start] > 0]
     parts = [known[:, layout[name]] for name in ("t", "object", "object_q", "object_wrench")]
-    torques = [np.linalg.norm(known[:, layout[name]][:, 3:], axis=1) for name in ("asked", "given")]
+    torques = [np.linalg.norm(known[:, layout[name]][:, 3:], axis=1) for name in ("wrench_commanded", "wrench_actual")]
     out: Array = np.column_stack([*parts, *torques, known[:, layout["gain"]], known[:, layout["saturated"]]])
     return out
 

@@ -311,15 +311,15 @@ def test_the_phases_through_the_chain(phases):
     assert np.ptp(right["object"][:, 0]) < 1e-12
     assert abs(right.tilt[-1]) < np.radians(0.01)
     # T_ψ stands for F_Y' and T_λ for F_X', not the other way round (E6)
-    asked, force = pull["asked"], pull["object_wrench"]
+    asked, force = pull["wrench_commanded"], pull["object_wrench"]
     ratio = asked[:, 3] / force[:, 1]
     assert np.ptp(ratio) / ratio.mean() < 0.01
     # the parts are what was wanted, and each by itself gives its torque only
     # (6b) holds for T_ψ, T_λ and T_φ, not for components along X, Y and Z: a pull has no T_φ, at any λ
-    along = pull.euler_torque("asked")
+    along = pull.euler_torque("wrench_commanded")
     assert along[:, 1] / force[:, 0] == pytest.approx(FORCE_SCALE * 0.02, rel=1e-2)
     assert np.abs(along[:, 2]).max() < 1e-4 * np.abs(along).max() < 1e-2 * np.abs(asked[:, 5]).max()
-    assert pull["wanted"] == pytest.approx(pull.psi + pull.lam + pull.phi + pull.rest, abs=1e-9)
+    assert pull["current_commanded"] == pytest.approx(pull.psi + pull.lam + pull.phi + pull.rest, abs=1e-9)
     assert (right["mode"] == 2).all()
 
 

@@ -71,5 +71,5 @@ def test_the_force_on_an_untouched_tool_fades():
         for n in range(10_000, 16_000):  # from 20 s on every guided motion is over
             tick.prepare(n / 500)
             tick.step(row, n / 500)
-            asked.append(np.linalg.norm(row[tick.layout["asked"]]))
+            asked.append(np.linalg.norm(row[tick.layout["wrench_commanded"]]))
     assert np.mean(asked[-250:]) < 0.25 * np.max(asked)

@@ -73,7 +73,7 @@ class Host:
         self.memory = SharedMemory(Path(self.process.stdout.readline().strip()))
         row = self.memory.ring.latest()
         assert row is not None
-        assert row[self.memory.layout["duties"]].any()
+        assert row[self.memory.layout["duty_applied"]].any()
 
     def off_after(self, number: signal.Signals | None) -> float:
         """From the signal, or None: a line on its input, to the row after the first with coils off, or the last [s]."""
@@ -86,7 +86,7 @@ class Host:
         while time.monotonic() < before + 10.0:
             ended = self.memory.phase > 1
             rows = self.memory.ring.read_since(cursor)[1]
-            off = [n for n in range(len(rows)) if not rows[n, at["duties"]].any()]
+            off = [n for n in range(len(rows)) if not rows[n, at["duty_applied"]].any()]
             if off and (off[0] + 1 < len(rows) or ended):
                 return float(rows[min(off[0] + 1, len(rows) - 1), at["wall"]][0]) - before
             time.sleep(0.001)

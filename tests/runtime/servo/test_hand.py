@@ -26,7 +26,7 @@ def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
 
 
 def _is_at(servo: Servo, place: Any) -> bool:
-    return bool(np.allclose(servo.latest().target, place, atol=1e-9))
+    return bool(np.allclose(servo.latest().hand_goal, place, atol=1e-9))
 
 
 def _is_old(servo: Servo) -> bool:
@@ -48,7 +48,7 @@ def test_a_pose_is_held_until_something_else_is_said(servo: Servo) -> None:
     cursor, _ = servo.rows()
     _until(servo, lambda: servo.rows()[0] > cursor + 500)
     _, rows = servo.rows(cursor)
-    assert (rows[:, servo.layout["target"]] == HERE).all()
+    assert (rows[:, servo.layout["hand_goal"]] == HERE).all()
     assert np.median(rows[:, servo.layout["age"]]) < servo.device.limits.expiry / 2
     servo.hand.point(THERE)  # once: the pose that was held is not said again
     _until(servo, lambda: _is_at(servo, THERE))
@@ -68,7 +68,7 @@ def test_a_patient_word_keeps_the_pose_fresh(servo: Servo) -> None:
     servo.hand.point(HERE, patience=patience)
     _until(servo, lambda: _is_old(servo))
     _, rows = servo.rows(cursor)
-    rows = rows[(rows[:, servo.layout["target"]] == HERE).all(axis=1)]
+    rows = rows[(rows[:, servo.layout["hand_goal"]] == HERE).all(axis=1)]
     fresh = rows[rows[:, servo.layout["age"].start] <= expiry]
     held = float(np.ptp(fresh[:, servo.layout["t"].start]))
     assert patience - 0.05 < held < patience + expiry + 0.05
@@ -79,7 +79,7 @@ def test_a_path_is_followed_to_its_last_pose(servo: Servo) -> None:
     servo.hand.follow([HERE, THERE], [0.0, 0.3])
     _until(servo, lambda: _is_at(servo, THERE))
     _, rows = servo.rows(cursor)
-    y = rows[:, servo.layout["target"]][:, 1]
+    y = rows[:, servo.layout["hand_goal"]][:, 1]
     assert len(np.unique(y[np.abs(y) < 0.0299])) > 5, "it goes there, it does not jump"
     cursor, _ = servo.rows()
     _until(servo, lambda: servo.rows()[0] > cursor + 300)

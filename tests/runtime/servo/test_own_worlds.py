@@ -71,7 +71,7 @@ def test_a_saved_file_is_felt_within_a_second_and_the_force_goes_over_without_a_
         assert servo.alive
         assert servo.world_trouble == ""
     assert took < 1.0
-    asked = rows[:, servo.layout["asked"]][:, 1]
+    asked = rows[:, servo.layout["wrench_commanded"]][:, 1]
     assert asked[0] == pytest.approx(0.12, rel=0.05)
     assert asked[-1] == pytest.approx(-0.12, rel=0.05)
     between = np.flatnonzero((asked < 0.119) & (asked > -0.119))
@@ -92,14 +92,14 @@ def test_an_error_in_a_saved_file_leaves_the_old_world_running(file: Path, capfd
             assert 'groove.py", line ' in servo.world_trouble
             assert servo.world_trouble in servo.warning
             _, rows = servo.rows(cursor)
-            assert rows[:, servo.layout["asked"]][:, 1] == pytest.approx(0.1, rel=0.05)
+            assert rows[:, servo.layout["wrench_commanded"]][:, 1] == pytest.approx(0.1, rel=0.05)
             assert "line " in capfd.readouterr().err
             file.write_text(GROOVE.replace("0.1,", "0.2,"))
             _hold(servo, lambda: not servo.world_trouble)
             assert servo.world[1] == {"push": 0.2}, "what nobody has set is as the file says"
             file.write_text(GROOVE)
             _hold(servo, lambda: servo.world[1] == {"push": 0.1})
-            _hold(servo, lambda: abs(servo.latest()[servo.layout["asked"]][1] - 0.1) < 1e-3)
+            _hold(servo, lambda: abs(servo.latest()[servo.layout["wrench_commanded"]][1] - 0.1) < 1e-3)
 
 
 def test_another_world_that_is_felt_stays_and_the_new_code_is_there_when_it_is_chosen(file: Path) -> None:
@@ -157,7 +157,7 @@ def test_a_plain_function_is_a_world() -> None:
     with Servo("omni", push, record=False) as servo:
         _hold(servo, _wait(0.5))
         assert servo.world == ("push", {})
-        assert servo.latest()[servo.layout["asked"]][1] == pytest.approx(0.15, rel=0.05)
+        assert servo.latest()[servo.layout["wrench_commanded"]][1] == pytest.approx(0.15, rel=0.05)
 
 
 COUNTER = '''

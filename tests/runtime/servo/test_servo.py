@@ -25,11 +25,11 @@ def _until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
 def test_it_ran_and_left_the_coils_off(ended: Any) -> None:
     servo = ended.servo
     assert ended.alive
-    assert (ended.row[servo.layout["duties"]] == 0.5).all()
+    assert (ended.row[servo.layout["duty_applied"]] == 0.5).all()
     assert ended.words() == ["open", "close"]
     assert not servo.alive
     last = servo.latest()
-    assert (last[servo.layout["duties"]] == 0.0).all()
+    assert (last[servo.layout["duty_applied"]] == 0.0).all()
     assert servo.report()["trips"] == []
     with pytest.raises(ServoError, match="create a new one"):
         servo.open()
@@ -62,7 +62,7 @@ def test_time_is_that_of_the_deadlines(ended: Any) -> None:
 def test_pointer_reaches_the_loop_and_grows_old(running: Servo) -> None:
     at = running.layout
     running.hand.point((0.0, 0.03, 0.04))
-    _until(running, lambda: (running.latest()[at["target"]] == (0.0, 0.03, 0.04)).all())
+    _until(running, lambda: (running.latest()[at["hand_goal"]] == (0.0, 0.03, 0.04)).all())
     young = running.latest()[at["age"]][0]
     time.sleep(0.2)
     assert 0 <= young < running.latest()[at["age"]][0]
@@ -75,9 +75,9 @@ def test_stop_and_engage(fake_servo: Any) -> None:
     with fake_servo(record=False).servo as servo:
         at = servo.layout
         servo.stop()
-        _until(servo, lambda: (servo.latest()[at["duties"]] == 0).all())
+        _until(servo, lambda: (servo.latest()[at["duty_applied"]] == 0).all())
         servo.engage()
-        _until(servo, lambda: (servo.latest()[at["duties"]] == 0.5).all())
+        _until(servo, lambda: (servo.latest()[at["duty_applied"]] == 0.5).all())
     trips = servo.report()["trips"]
     assert [trip["code"] for trip in trips] == ["STOPPED"]
     assert "Re-engage" in trips[0]["reason"]
@@ -90,14 +90,14 @@ def test_a_stop_that_is_given_before_or_while_the_servo_starts_holds(fake_servo:
         asked = servo.stops
         servo.run(0.2)
         _, rows = servo.rows(0)
-        assert (rows[:, servo.layout["duties"]] == 0).all()
+        assert (rows[:, servo.layout["duty_applied"]] == 0).all()
         assert len(rows) > 10
         servo.stop()
         servo.engage(asked)  # asked for before the last stop
         servo.run(0.1)
-        assert (servo.latest()[servo.layout["duties"]] == 0).all()
+        assert (servo.latest()[servo.layout["duty_applied"]] == 0).all()
         servo.engage(servo.stops)
-        _until(servo, lambda: (servo.latest()[servo.layout["duties"]] == 0.5).all())
+        _until(servo, lambda: (servo.latest()[servo.layout["duty_applied"]] == 0.5).all())
 
 
 def test_every_stop_has_a_number_of_its_own(fake_servo: Any) -> None:
@@ -199,7 +199,7 @@ def test_it_says_in_one_line_what_it_is_and_what_it_does(fake_servo: Any) -> Non
     who = "<Servo of omni, world 'dome', driver sim, tracker pointer, 1000 Hz: "
     assert repr(servo) == f"{who}not started>"
     with servo:
-        assert repr(servo) == f"{who}running, given (0, 300, 400) mN>"
+        assert repr(servo) == f"{who}running, actual force (0, 300, 400) mN>"
         servo.stop()
         _until(servo, lambda: servo.latest().guard == 4)
         assert repr(servo) == f"{who}running, coils off. Stopped by hand. Re-engage when you are ready.>"

@@ -32,7 +32,7 @@ class Rig:
             self.tick.prepare(self.n * DT)
             self.tick.step(self.row, self.n * DT)
             self.n += 1
-            found.append(self.row[self.tick.layout["asked"]].copy())
+            found.append(self.row[self.tick.layout["wrench_commanded"]].copy())
         return np.array(found)
 
 

@@ -50,7 +50,7 @@ def test_the_dome_is_rendered_from_the_field():
     assert not rows[:, at["trip"].start].any()
     away = np.linalg.norm(rows[:, at["p"]] - places, axis=1)[100:]
     assert np.sqrt((away**2).mean()) < 1e-3  # the sensors' assumed places, coils driven
-    asked, given = rows[200:, at["asked"]][:, :3], rows[200:, at["given"]][:, :3]
+    asked, given = rows[200:, at["wrench_commanded"]][:, :3], rows[200:, at["wrench_actual"]][:, :3]
     assert np.abs(asked).max() > 0.1
     assert np.sqrt(((asked - given) ** 2).sum(axis=1).mean()) < 0.1 * np.linalg.norm(asked, axis=1).max()
 
@@ -62,7 +62,7 @@ def test_a_reversed_magnet_is_never_pushed():
     tick = Tick(OMNI, find_world("dome")(), driver, HallTracker(OMNI, "exact"), make_allocator(OMNI), 1e-3)
     rows, _ = run(tick, 0.6)
     assert not rows[:, tick.layout["valid"].start].any()
-    assert not rows[:, tick.layout["duties"]].any()
+    assert not rows[:, tick.layout["duty_applied"]].any()
     assert tick.estimator.verdict == HallTracker.REVERSED
     assert rows[-1, tick.layout["guard"].start] == GuardState.TRIPPED
     assert rows[-1, tick.layout["trip"].start] == Trip.MAGNET_REVERSED  # the console shows its sentence

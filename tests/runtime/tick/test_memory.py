@@ -122,7 +122,7 @@ def test_a_memory_that_breaks_ends_in_coils_off_and_begins_anew_when_somebody_en
     assert ("division by zero" if raises else "world 'counter' is no longer finite in bad") in rig.tick.error
     for _ in range(50):
         assert rig.go().steps == 700  # it is not touched any more
-        assert not rig["wanted"].any()
+        assert not rig["current_commanded"].any()
         assert not rig["object_wrench"].any()
     assert rig.tick.engage()
     assert rig.go(2).steps == 2

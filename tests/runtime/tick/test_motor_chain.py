@@ -71,14 +71,14 @@ def test_a_pull_is_felt(pull):
     assert 5e-3 < place[-1] < 9e-3
     middle = (place > 2e-3) & (place < 4e-3)
     assert force[middle] == pytest.approx(-10.5, abs=1.0)  # 11.5 N less what creeping friction lacks
-    assert pull["asked"][middle, 4] == pytest.approx(force[middle] * MOTOR_GAINS.translate[0], rel=1e-2)
+    assert pull["wrench_commanded"][middle, 4] == pytest.approx(force[middle] * MOTOR_GAINS.translate[0], rel=1e-2)
     assert (pull["contacts"][:, 0] > 0.7e-3).all()
     assert (pull["mode"] == 1).all()
 
 
 def test_what_is_asked_is_given_within_two_per_cent(pull):
     """rms over rms, after the ramp: coils' lag, sensor noise, resistance and back-EMF all in it."""
-    asked, given = pull["asked"][500:, 3:], pull["given"][500:, 3:]
+    asked, given = pull["wrench_commanded"][500:, 3:], pull["wrench_actual"][500:, 3:]
     assert np.abs(asked).max() > 0.2
     assert np.sqrt(((asked - given) ** 2).sum() / (asked**2).sum()) < 0.02
     assert not pull["saturated"].any()
@@ -111,7 +111,7 @@ def test_the_drive_feeds_forward_what_the_turning_magnets_induce(monkeypatch):
 
             monkeypatch.setattr(rig.tick.protection, "protect_wrench", as_if_still)
         rig.go(0.6)
-        return np.sqrt(((rig["currents"] - rig["wanted"])[350:] ** 2).mean())
+        return np.sqrt(((rig["current_measured"] - rig["current_commanded"])[350:] ** 2).mean())
 
     assert current_error(feed=True) < 0.4 * current_error(feed=False)
 
@@ -122,7 +122,7 @@ def test_switching_in_the_middle_of_a_pull_is_no_step(moment):
     rig.tick.joining.set_mode("rotate")
     rig.go(0.3)
     at = round(moment / DT)
-    place, asked, wanted = rig["object"], rig["asked"][:, 3:], rig["wanted"]
+    place, asked, wanted = rig["object"], rig["wrench_commanded"][:, 3:], rig["current_commanded"]
     speed = np.abs(np.diff(place[at - 20 : at], axis=0)).max()
     assert np.abs(np.diff(place[at - 2 : at + 30], axis=0)).max() <= 1.3 * speed + 1e-6
     steps = np.abs(np.diff(asked[at - 100 : at], axis=0)).max()
@@ -143,7 +143,7 @@ def test_closed_paths_through_the_chain_give_the_hand_no_energy():
     # weight and regulator have a potential; over whole rounds they give nothing
     q = Rotation.from_quat(rig["q"][1000:])
     turned_by = (q[1:] * q[:-1].inv()).as_rotvec()
-    given = rig["given"][1000:, 3:]
+    given = rig["wrench_actual"][1000:, 3:]
     work = float((0.5 * (given[1:] + given[:-1]) * turned_by).sum())
     assert work < 0.0
     assert work < -1e-3  # and friction takes a good deal
@@ -172,16 +172,16 @@ def test_one_dead_sensor_is_no_trip():
 
 def test_all_sensors_dead_ends_in_coils_off():
     rig = Rig(hand_path).go(1.2)
-    assert rig["currents"][-1].any()
+    assert rig["current_measured"][-1].any()
     rig.motor.fail(range(48), "dead")
     rig.go(0.05)
     assert rig["trip"][-1] == Trip.POSE_LOST
-    assert not rig["duties"][-1].any()
-    assert np.abs(rig["currents"][-1]).max() < 0.05  # what the still turning rotor drives through shorted coils
+    assert not rig["duty_applied"][-1].any()
+    assert np.abs(rig["current_measured"][-1]).max() < 0.05  # what the still turning rotor drives through shorted coils
     assert not rig.tick.engage()
     rig.motor.fail(range(48), "none")
     rig.go(0.1)
-    assert not rig["duties"][-1].any()  # until somebody engages
+    assert not rig["duty_applied"][-1].any()  # until somebody engages
     assert rig.tick.engage()
     rig.go(0.5)
     assert rig["guard"][-1] == GuardState.RUNNING

@@ -74,7 +74,7 @@ def test_ten_millinewtonmetres_arrive_through_the_whole_chain():
     """Estimator, allocator, guard, drive and coils: within 2 % of the exact torque on the tool."""
     rig = Rig(Twist()).go(500)
     assert rig["part"][0] == TORQUE
-    given, asked = rig["given"], rig["asked"]
+    given, asked = rig["wrench_actual"], rig["wrench_commanded"]
     assert asked[3] == pytest.approx(0.010)
     assert np.linalg.norm(given[3:] - asked[3:]) < 0.02 * 0.010
     assert rig["saturated"][0] == Saturation.NONE
@@ -82,8 +82,8 @@ def test_ten_millinewtonmetres_arrive_through_the_whole_chain():
 
 def test_what_cannot_be_turned_is_shown_live():
     rig = Rig(Twist(about=(0.0, 0.0, 1.0), torque=0.004)).go(400)
-    assert rig["asked"][5] == pytest.approx(0.004)
-    assert abs(rig["given"][5]) < 1e-5
+    assert rig["wrench_commanded"][5] == pytest.approx(0.004)
+    assert abs(rig["wrench_actual"][5]) < 1e-5
     assert rig["saturated"][0] == Saturation.AXIS
     assert Rig(Twist(torque=0.03)).go(400)["saturated"][0] in (Saturation.CURRENT, Saturation.POWER)
 
@@ -98,7 +98,7 @@ def test_what_the_world_asks_decides(name, part):
 def test_a_person_can_choose_another_part(render, part):
     rig = Rig(worlds.CompassDome(), render).go(400)
     assert rig["part"][0] == part
-    missing = np.abs(rig["asked"] - rig["given"])
+    missing = np.abs(rig["wrench_commanded"] - rig["wrench_actual"])
     if render == "force":
         assert missing[:3].max() < 0.01
     if render == "torque":
@@ -113,7 +113,7 @@ def test_force_worlds_get_the_same_currents_as_ever():
     alone.tick = Tick(OMNI, worlds.Dome(), alone.driver, TrackedPose(OMNI, "exact"), make_allocator(OMNI), DT)
     for rig in (chosen, alone):
         rig.go(300)
-    assert (chosen.course("wanted") == alone.course("wanted")).all()
+    assert (chosen.course("current_commanded") == alone.course("current_commanded")).all()
     assert alone["part"][0] == -1.0
 
 
@@ -153,15 +153,15 @@ def test_choices_that_cannot_be_are_refused():
 
 def test_a_torque_beyond_its_limit_is_clamped():
     rig = Rig(Twist(torque=5.0)).go(600)
-    assert np.linalg.norm(rig.course("asked")[:, 3:], axis=1).max() <= OMNI.limits.torque * (1 + 1e-9)
-    assert np.abs(rig.course("wanted")).max() <= 20.0
-    assert np.linalg.norm(np.nan_to_num(rig.course("given"))[:, :3], axis=1).max() < OMNI.limits.force
+    assert np.linalg.norm(rig.course("wrench_commanded")[:, 3:], axis=1).max() <= OMNI.limits.torque * (1 + 1e-9)
+    assert np.abs(rig.course("current_commanded")).max() <= 20.0
+    assert np.linalg.norm(np.nan_to_num(rig.course("wrench_actual"))[:, :3], axis=1).max() < OMNI.limits.force
 
 
 def test_currents_for_a_torque_slew():
     """A torque that jumps to and fro in every tick."""
     rig = Rig(FunctionWorld(lambda s: np.array([0, 0, 0, 0.009 if round(s.t / DT) % 2 else -0.009, 0, 0])), "torque")
-    wanted = rig.go(600).course("wanted")
+    wanted = rig.go(600).course("current_commanded")
     assert np.abs(np.diff(wanted, axis=0)).max() <= OMNI.limits.slew * DT * (1 + 1e-9)
 
 
@@ -181,7 +181,7 @@ def test_a_torque_fades_when_the_pose_expires():
     rig.go(200)
     assert rig["guard"][0] == GuardState.TRIPPED
     assert rig["trip"][0] == Trip.POSE_EXPIRED
-    assert not rig["wanted"].any()
+    assert not rig["current_commanded"].any()
 
 
 def test_a_turning_spring_beyond_the_loop_is_damped_and_a_soft_one_is_not():

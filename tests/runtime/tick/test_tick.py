@@ -100,16 +100,16 @@ class Rig:
             self.go(1)
             if self.driver.writes:
                 assert not self.driver.written.any()
-            assert not self["wanted"].any()
+            assert not self["current_commanded"].any()
         return True
 
 
 def test_it_engages_by_itself_once_and_ramps():
     rig = Rig().go(1)
-    assert np.linalg.norm(rig["asked"]) < 0.01
+    assert np.linalg.norm(rig["wrench_commanded"]) < 0.01
     rig.go(400)
     assert rig["guard"][0] == GuardState.RUNNING
-    assert np.linalg.norm(rig["asked"]) > 0.4
+    assert np.linalg.norm(rig["wrench_commanded"]) > 0.4
 
 
 def test_the_row_is_told_in_full():
@@ -123,8 +123,8 @@ def test_the_row_is_told_in_full():
 
 def test_currents_follow_what_is_wanted():
     rig = Rig().go(1500)
-    assert np.abs(rig["currents"] - rig["wanted"]).max() < 0.05
-    assert np.abs(rig["wanted"]).max() > 5
+    assert np.abs(rig["current_measured"] - rig["current_commanded"]).max() < 0.05
+    assert np.abs(rig["current_commanded"]).max() > 5
 
 
 def test_another_model_takes_over_while_the_loop_runs_without_a_step_of_the_force():
@@ -135,7 +135,7 @@ def test_another_model_takes_over_while_the_loop_runs_without_a_step_of_the_forc
         if n == 100:
             rig.tick.change_model(OMNI.models.index("published"))
         rig.go(1)
-        force.append(np.linalg.norm(rig["given"][:3]))
+        force.append(np.linalg.norm(rig["wrench_actual"][:3]))
         models.append(rig["model"][0])
     force, noise = np.array(force), np.abs(np.diff(force[:100])).max()
     assert models == [0.0] * 100 + [2.0] * 300
@@ -150,7 +150,7 @@ def test_the_dipole_inverse_gives_eight_percent_too_little_and_the_core_pulls():
     rig = Rig(position=(0, 0, 0.040)).go(1500)  # a hand that presses the tip onto the dome with a newton
     d = float(np.linalg.norm(rig["p"]))
     assert d == pytest.approx(0.050, abs=1e-4)
-    asked, given = rig["asked"][2], rig["given"][2]
+    asked, given = rig["wrench_commanded"][2], rig["wrench_actual"][2]
     assert asked > 0.5
     assert given == pytest.approx(0.919 * asked - 0.053, abs=0.004)
 
@@ -161,7 +161,7 @@ def test_with_no_world_the_core_still_pulls(distance, pull):
     sag = pull / OMNI.hand.stiffness  # the hand carries the weight by itself
     rig = Rig(worlds.Nothing(), (0, 0, distance + sag)).go(4000)
     assert rig["p"][2] == pytest.approx(distance, abs=1e-4)
-    assert -rig["given"][2] == pytest.approx(pull, rel=0.03)
+    assert -rig["wrench_actual"][2] == pytest.approx(pull, rel=0.03)
 
 
 def test_the_stylus_yields():
@@ -169,8 +169,8 @@ def test_the_stylus_yields():
     resting = Rig(worlds.Nothing(), (0, 0, 0.052)).go(2500)["p"][2]
     pushed = Rig(worlds.Dome(), (0, 0, 0.052)).go(2500)
     lifted = pushed["p"][2] - resting
-    core = Rig(worlds.Nothing(), (0, 0, 0.052)).go(2500)["given"][2]
-    assert lifted == pytest.approx((pushed["given"][2] - core) / OMNI.hand.stiffness, rel=0.05)
+    core = Rig(worlds.Nothing(), (0, 0, 0.052)).go(2500)["wrench_actual"][2]
+    assert lifted == pytest.approx((pushed["wrench_actual"][2] - core) / OMNI.hand.stiffness, rel=0.05)
     assert lifted > 2e-3
 
 
@@ -210,7 +210,7 @@ class Careless(World):
 )
 def test_a_broken_world_ends_in_coils_off(what, reason):
     rig = Rig().go(500)
-    assert rig["currents"].any()
+    assert rig["current_measured"].any()
     rig.tick.change_world(BrokenWorld(what))
     rig.go(1)
     assert rig["trip"][0] == reason
@@ -310,7 +310,7 @@ def test_a_pose_that_cannot_be_ends_in_coils_off(pose):
 def test_an_old_pose_fades_and_latches():
     rig = Rig().go(500)
     rig.driver.pose = {"t": rig.n * DT - 0.06}
-    asked = [float(np.linalg.norm(rig.go(1)["asked"])) for _ in range(60)]
+    asked = [float(np.linalg.norm(rig.go(1)["wrench_commanded"])) for _ in range(60)]
     assert rig["trip"][0] == Trip.POSE_EXPIRED
     assert 0 < asked[20] < asked[0]
     rig.driver.pose = {}
@@ -323,7 +323,7 @@ def test_stop_means_zero_current_within_milliseconds():
     rig.go(1)
     assert not rig.driver.written.any()
     rig.go(10)  # the current dies away with L/R, well below a millisecond
-    assert np.abs(rig["currents"]).max() < 0.05
+    assert np.abs(rig["current_measured"]).max() < 0.05
 
 
 def test_a_stop_ends_the_fading_of_an_old_pose_at_once():
@@ -340,13 +340,13 @@ def test_a_stop_ends_the_fading_of_an_old_pose_at_once():
 
 def test_another_world_comes_without_a_jump_of_current():
     rig = Rig().go(800)
-    before = rig["wanted"].copy()
+    before = rig["current_commanded"].copy()
     rig.tick.change_world(worlds.Dome(moment=-2.4))
     for _ in range(20):
         rig.go(1)
-        step = np.abs(rig["wanted"] - before).max()
+        step = np.abs(rig["current_commanded"] - before).max()
         assert step <= OMNI.limits.slew * DT * 1.001
-        before = rig["wanted"].copy()
+        before = rig["current_commanded"].copy()
     assert rig["world"][0] == 1
 
 
@@ -444,8 +444,8 @@ def test_after_a_pause_of_the_computer_the_force_comes_back_from_zero():
     rig.go(1, periods=60).go(1)
     assert rig["guard"][0] == GuardState.RAMPING
     assert rig["gain"][0] < 0.01
-    assert np.abs(rig["wanted"]).max() < 0.5
-    assert np.abs(rig["currents"]).max() < 0.05  # the device had switched off by itself
+    assert np.abs(rig["current_commanded"]).max() < 0.5
+    assert np.abs(rig["current_measured"]).max() < 0.05  # the device had switched off by itself
     rig.go(400)
     assert rig["guard"][0] == GuardState.RUNNING
 
@@ -484,7 +484,7 @@ def test_the_windings_are_observed_by_the_clock_and_not_by_the_count_of_ticks(st
 @pytest.mark.parametrize("lie", [lambda i: 0.0 * i, lambda i: 0.1 * i, lambda i: 10.0 * i, lambda i: i + 3.0])
 def test_a_current_sensor_that_lies_trips_within_50_ms(lie):
     rig = Rig().go(500)
-    assert np.abs(rig["currents"]).max() > 5.0
+    assert np.abs(rig["current_measured"]).max() > 5.0
     rig.driver.lie = lie
     rig.go(50)
     assert rig["trip"][0] in (Trip.CURRENT_MISMATCH, Trip.OVERCURRENT)

@@ -96,8 +96,8 @@ def test_the_loop_follows_a_tracker_in_its_own_frame() -> None:
         sending(port, make=lambda: message("/haptorb/pose", *p, *q)),
     ):
         until(servo, lambda: running(servo))
-        until(servo, lambda: bool(np.allclose(servo.latest()[servo.layout["target"]], place, atol=1e-6)))
-        told = servo.latest()[servo.layout["target_q"]]
+        until(servo, lambda: bool(np.allclose(servo.latest()[servo.layout["hand_goal"]], place, atol=1e-6)))
+        told = servo.latest()[servo.layout["hand_goal_q"]]
         assert np.allclose(Rotation.from_quat(told).as_matrix()[:, 2], turn[:, 2], atol=1e-6)
         end = time.monotonic() + 10.0
         while np.linalg.norm(servo.latest()[servo.layout["p"]] - place) > 0.01 and time.monotonic() < end:

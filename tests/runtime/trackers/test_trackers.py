@@ -552,7 +552,7 @@ def test_osc_through_a_running_servo(tmp_path: Path) -> None:
     with sending(port) as over, Servo("omni", tracker=f"osc:{port}", record=tmp_path / "run.mcap") as servo:
         at = servo.layout
         until(servo, lambda: running(servo))
-        assert servo.latest()[at["target"]] == pytest.approx([0, 0, 0.05], abs=1e-6)
+        assert servo.latest()[at["hand_goal"]] == pytest.approx([0, 0, 0.05], abs=1e-6)
         servo.run(1.5)
         poses = servo.report()["tracking"]
         assert poses["accepted"] > 20
@@ -563,12 +563,12 @@ def test_osc_through_a_running_servo(tmp_path: Path) -> None:
         json.dumps(servo.report())
         over.set()
         until(servo, lambda: servo.latest()[at["guard"]][0] == 4)
-        until(servo, lambda: not servo.latest()[at["duties"]].any())
+        until(servo, lambda: not servo.latest()[at["duty_applied"]].any())
     assert servo.report()["trips"][-1]["code"] == "POSE_EXPIRED"
     # and what was recorded is a tracker again
     with Servo("omni", tracker=f"replay:{tmp_path / 'run.mcap'}", record=False) as again:
         until(again, lambda: running(again))
-        assert again.latest()[at["target"]] == pytest.approx([0, 0, 0.05], abs=1e-6)
+        assert again.latest()[at["hand_goal"]] == pytest.approx([0, 0, 0.05], abs=1e-6)
         assert again.report()["tracking"]["poses_hz"] > 10
 
 
@@ -581,7 +581,7 @@ def test_a_trackers_process_that_dies_is_a_lost_tracker_with_a_reason() -> None:
         until(servo, lambda: running(servo))
         tracker = servo._children._tracker
         os.kill(tracker.pid, signal.SIGKILL)
-        until(servo, lambda: servo.latest()[at["guard"]][0] == 4 and not servo.latest()[at["duties"]].any())
+        until(servo, lambda: servo.latest()[at["guard"]][0] == 4 and not servo.latest()[at["duty_applied"]].any())
         until(servo, lambda: "tracker_trouble" in servo.report())
         assert "SIGKILL" in servo.report()["tracker_trouble"]
         assert servo.alive

@@ -47,7 +47,7 @@ def test_pose_and_frames_are_those_of_the_row() -> None:
     assert (mover["parent_frame_id"], mover["child_frame_id"], target["child_frame_id"]) == (
         "stator",
         "mover",
-        "target",
+        "hand_goal",
     )
     assert list(mover["translation"].values()) == row[layout["p"]].tolist()
     assert mover["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
@@ -57,15 +57,15 @@ def test_pose_and_frames_are_those_of_the_row() -> None:
 
 def test_a_motor_has_its_object_and_twelve_currents() -> None:
     found, row, layout = read_all("pmsm")
-    assert [one["child_frame_id"] for one in found["/tf"]["transforms"]] == ["mover", "target", "object"]
-    assert list(found["/currents"]["measured_a"].values()) == row[layout["currents"]].tolist()
+    assert [one["child_frame_id"] for one in found["/tf"]["transforms"]] == ["mover", "hand_goal", "object"]
+    assert list(found["/currents"]["measured_a"].values()) == row[layout["current_measured"]].tolist()
 
 
 def test_numbers_have_names_units_and_values() -> None:
     found, row, layout = read_all("omni")
-    modelled = row[layout["modelled"]]
-    assert list(found["/wrench"]["modelled"]["force_n"].values()) == modelled[:3].tolist()
-    assert list(found["/wrench"]["modelled"]["torque_nm"].values()) == modelled[3:].tolist()
+    modelled = row[layout["wrench_model"]]
+    assert list(found["/wrench"]["model"]["force_n"].values()) == modelled[:3].tolist()
+    assert list(found["/wrench"]["model"]["torque_nm"].values()) == modelled[3:].tolist()
     assert found["/temperatures"]["winding_c"]["x"] == pytest.approx(27.0)
     assert found["/state"]["guard"] == "running"
     assert found["/state"]["trip"] == "none"
@@ -74,19 +74,19 @@ def test_numbers_have_names_units_and_values() -> None:
 def test_what_is_not_known_is_null() -> None:
     layout = RowLayout.of(load("omni"))
     row = make_row(layout)
-    for name in ("given", "p", "remaining", "trip"):
+    for name in ("wrench_actual", "p", "remaining", "trip"):
         row[layout[name]] = np.nan
     found, *_ = read_all("omni", row)
-    assert found["/wrench"]["given"]["force_n"] == {"x": None, "y": None, "z": None}
+    assert found["/wrench"]["actual"]["force_n"] == {"x": None, "y": None, "z": None}
     assert found["/temperatures"]["remaining_s"] is None
     assert found["/state"]["trip"] == "unknown"
-    assert [one["child_frame_id"] for one in found["/tf"]["transforms"]] == ["target"]
+    assert [one["child_frame_id"] for one in found["/tf"]["transforms"]] == ["hand_goal"]
 
 
 def test_the_arrow_points_along_the_force() -> None:
     layout = RowLayout.of(load("omni"))
     row = make_row(layout)
-    row[layout["modelled"]][:3] = 0.0, 2.0, 0.0
+    row[layout["wrench_model"]][:3] = 0.0, 2.0, 0.0
     found, *_ = read_all("omni", row)
     ((arrow,),) = [entity["arrows"] for entity in found["/force"]["entities"]]
     turn = arrow["pose"]["orientation"]

@@ -151,7 +151,7 @@ def test_the_second_client_is_told_that_the_device_is_busy_and_watches_without_d
 def test_cursor_buttons_and_axes_follow_the_device_and_the_clients_basis(bench, port):
     with dial(port) as client:
         client.recv(timeout=20)
-        bench.publish(p=(0.01, 0.02, 0.05), v=(0.1, 0.2, 0.3), asked=(0.0, 0.0, 0.7, 0.0, 0.0, 0.0))
+        bench.publish(p=(0.01, 0.02, 0.05), v=(0.1, 0.2, 0.3), wrench_commanded=(0.0, 0.0, 0.7, 0.0, 0.0, 0.0))
         bench.shared.words[Word.BUTTONS] = 0b10
         plain = ask(client, {})
         other = ask(client, {"session": {"configure": {"profile": {"name": "x"}, "basis": {"permutation": "XZY"}}}})

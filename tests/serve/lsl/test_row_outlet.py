@@ -30,7 +30,7 @@ def stream():
 def make_rows(count: int) -> np.ndarray:
     rows = np.random.default_rng(3).normal(size=(count, LAYOUT.width))
     rows[:, LAYOUT["wall"].start] = monotonic() + 1e-3 * np.arange(count)
-    rows[:, LAYOUT["given"]] = np.nan
+    rows[:, LAYOUT["wrench_actual"]] = np.nan
     return rows
 
 
@@ -61,8 +61,8 @@ def test_the_description_names_channels_units_and_clocks(stream) -> None:
     channels = described.findall("desc/channels/channel")
     labels = {node.findtext("label"): node.findtext("unit") for node in channels}
     assert [node.findtext("label") for node in channels] == [one.label for one in list_channels(LAYOUT)]
-    assert (labels["p[0]"], labels["asked[0]"], labels["asked[5]"]) == ("m", "N", "N·m")
-    assert (labels["currents[1]"], labels["winding[0]"]) == ("A", "K")
+    assert (labels["p[0]"], labels["wrench_commanded[0]"], labels["wrench_commanded[5]"]) == ("m", "N", "N·m")
+    assert (labels["current_measured[1]"], labels["winding[0]"]) == ("A", "K")
     utc = float(described.findtext("desc/clocks/monotonic_to_utc/offset", "nan"))
     assert utc + monotonic() == pytest.approx(time(), abs=0.05)
     layer = float(described.findtext("desc/clocks/monotonic_to_lsl/offset", "nan"))

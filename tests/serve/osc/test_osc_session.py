@@ -104,7 +104,7 @@ def test_a_subscriber_gets_rows_at_its_rate_with_the_buttons(setting: Setting) -
     program.say("/haptorb/subscribe", 0, 250)
     setting.look()
     assert program.read() == {"/haptorb/subscribed": [250.0]}
-    setting.loop.publish(100, p=(0.001, 0.002, 0.05), modelled=(1, 2, 3, 0.1, 0.2, 0.3))
+    setting.loop.publish(100, p=(0.001, 0.002, 0.05), wrench_model=(1, 2, 3, 0.1, 0.2, 0.3))
     setting.look()
     found = program.read_all()
     assert len(found) == 25

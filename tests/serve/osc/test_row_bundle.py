@@ -32,9 +32,13 @@ def test_each_address_has_the_numbers_of_its_field() -> None:
     assert list(found) == [message.address for message in OUTGOING]
     assert found["/haptorb/position"] == pytest.approx(row[LAYOUT["p"]], rel=1e-6)
     assert found["/haptorb/orientation"] == pytest.approx(row[LAYOUT["q"]], rel=1e-6)
-    assert found["/haptorb/force"] == pytest.approx(row[LAYOUT["modelled"]][:3], rel=1e-6)
-    assert found["/haptorb/torque"] == pytest.approx(row[LAYOUT["modelled"]][3:], rel=1e-6)
-    assert found["/haptorb/force/asked"] == pytest.approx(row[LAYOUT["asked"]][:3], rel=1e-6)
+    assert found["/haptorb/force"] == pytest.approx(row[LAYOUT["wrench_model"]][:3], rel=1e-6)
+    assert found["/haptorb/torque"] == pytest.approx(row[LAYOUT["wrench_model"]][3:], rel=1e-6)
+    assert (
+        found["/haptorb/force/commanded"]
+        == found["/haptorb/force/asked"]
+        == pytest.approx(row[LAYOUT["wrench_commanded"]][:3], rel=1e-6)
+    )
     assert found["/haptorb/tick"] == [123456]
     assert isinstance(found["/haptorb/tick"][0], int)
 

@@ -124,7 +124,7 @@ def test_motors_lag_by_their_time_constant_and_saturate() -> None:
 
     with haptic_device("arm", push, hand=scripted_hand("start 0 0 0 mm")) as run:
         run.play(0.6)
-        given = run.latest().given
+        given = run.latest().wrench_actual
     assert np.linalg.norm(given[:3]) == pytest.approx(12.0, rel=0.02)
     assert given[1] / given[0] == pytest.approx(4 / 3, rel=0.02)
 
@@ -201,7 +201,7 @@ def test_an_arm_runs_a_wall_is_recorded_and_replays(name: str, tmp_path: Path) -
     # At rest: the wall and dry friction hold the hand.
     device = arm(name)
     pull = device.hand.stiffness * (float(last.p[0]) + 0.01)
-    assert float(last.given[0]) == pytest.approx(pull, abs=device.effector.coulomb + 0.02)
+    assert float(last.wrench_actual[0]) == pytest.approx(pull, abs=device.effector.coulomb + 0.02)
     assert Replay(recording).run().identical
 
 

@@ -22,7 +22,7 @@ def test_columns_lie_where_they_are_said_to():
     index, described = columns.index, columns.describe()
     assert [column["name"] for column in described] == list(wire.COLUMNS)
     heads = {head for column in described for head in column["heads"]}
-    assert {"t [s]", "tick", "p[2] [m]", "asked[5] [N·m]", "currents[2] [A]"} <= heads
+    assert {"t [s]", "tick", "p[2] [m]", "wrench_commanded[5] [N·m]", "current_measured[2] [A]"} <= heads
     for column in described:
         assert len(column["heads"]) == column["width"]
         first = index[column["offset"]]

@@ -38,8 +38,8 @@ def test_ranges_are_those_of_all_rows(made, recording):
     for first in range(0, 3000, 700):  # in pieces that fit no stretch
         bins.add(first, min(first + 700, 3000))
     place = np.minimum(((rows[:, layout["t"]][:, 0] - 3.0) / (2.999 / BINS)).astype(int), BINS - 1)
-    force = np.linalg.norm(rows[:, layout["given"]][:, :3], axis=1)
-    current = rows[:, layout["currents"]]
+    force = np.linalg.norm(rows[:, layout["wrench_actual"]][:, :3], axis=1)
+    current = rows[:, layout["current_measured"]]
     for k in (0, 17, 599, BINS - 1):
         mine = place == k
         names = [name for name, *_ in CHANNELS]

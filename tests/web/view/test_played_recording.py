@@ -127,8 +127,8 @@ def test_fields_are_found_by_name_and_missing_ones_named(tmp_path):
     _, found = read_frame(played.frame(3, 4, 0.0))
     at = {one["name"]: one["offset"] for one in played.describe("x")["columns"]}
     np.testing.assert_allclose(found[0, at["p"] : at["p"] + 3], rows[3, 1:4])
-    assert np.isnan(found[0, at["given"]])
-    assert any("given" in notice for notice in played.notices)
+    assert np.isnan(found[0, at["wrench_actual"]])
+    assert any("wrench_actual" in notice for notice in played.notices)
 
 
 def test_what_is_no_recording_is_refused(tmp_path):

@@ -65,7 +65,7 @@ export class Legend {
       return;
     }
     const p = sample.vector("p");
-    const radial = dot(sample.vector("given"), p) / norm(p);
+    const radial = dot(sample.vector("wrench_actual"), p) / norm(p);
     const marker = at("marker");
     marker.hidden = !(Number.isFinite(radial) && this.range > 0);
     if (!marker.hidden) marker.style.transform = `translateY(${50 - 50 * Math.min(1, Math.max(-1, radial / this.range))}%)`;

@@ -40,15 +40,15 @@ export class MotorReadouts {
   }
 
   show(sample: Sample): void {
-    write(at("asked"), formatNumber(norm(sample.vector("asked", 3)), 3));
-    write(at("given"), formatNumber(norm(sample.vector("given", 3)), 3));
+    write(at("asked"), formatNumber(norm(sample.vector("wrench_commanded", 3)), 3));
+    write(at("given"), formatNumber(norm(sample.vector("wrench_actual", 3)), 3));
     const q = sample.quaternion("q");
     const known = Number.isFinite(q[0]);
     const [x, y, z] = axis(q);
     write(at("tilt"), formatNumber(known ? Math.atan2(Math.hypot(x, y), z) * DEGREE : NaN, 1));
     write(at("azimuth"), formatNumber(known ? Math.atan2(y, x) * DEGREE : NaN, 0));
     write(at("distance"), formatNumber(known ? angles(q)[2] * DEGREE : NaN, 1));
-    const currents = sample.list("currents");
+    const currents = sample.list("current_measured");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
       const celsius = windings[i]! - KELVIN;
@@ -62,7 +62,7 @@ export class MotorReadouts {
 
   /** The same, as a sentence for those who listen. */
   sentence(sample: Sample): string {
-    const given = norm(sample.vector("given", 3));
+    const given = norm(sample.vector("wrench_actual", 3));
     if (!Number.isFinite(given)) return "";
     const q = sample.quaternion("q");
     const [x, y, z] = axis(q);

@@ -22,7 +22,7 @@ export class PlaceReadouts extends Readouts {
   }
 
   override sentence(sample: Sample): string {
-    const given = norm(sample.vector("given"));
+    const given = norm(sample.vector("wrench_actual"));
     if (!Number.isFinite(given)) return "";
     const place = sample.vector("p").map((metres) => formatNumber(metres * 1000, 0));
     return `${given.toFixed(1)} newton given at ${place.join(", ")} millimetres`;

@@ -194,10 +194,10 @@ export class Plots {
       this.select.value === "radial"
         ? { label, colour, dashed, from: [...of(name), ...position], make: radial }
         : { label, colour, dashed, from: of(name), make: magnitude };
-    if (this.select.value !== "xyz") return [pair("given", "delivered", "--given", false), pair("asked", "commanded", "--asked", true)];
+    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--given", false), pair("wrench_commanded", "commanded", "--asked", true)];
     return axes.flatMap((i) => [
-      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`given[${first + i}]`)], make: same },
-      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`asked[${first + i}]`)], make: same },
+      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`wrench_actual[${first + i}]`)], make: same },
+      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`wrench_commanded[${first + i}]`)], make: same },
     ]);
   }
 
@@ -217,7 +217,7 @@ export class Plots {
     const strong = this.session.scene.gives === "torque";
     const small = this.turning && !strong; // a tool's torque: thousandths of a newton metre
     this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : strong ? 3 : 2, small ? 0.002 : 0.2, this.select);
-    this.add("currents A", this.perCoil("currents", same), 2, strong ? 0.2 : 1);
+    this.add("currents A", this.perCoil("current_measured", same), 2, strong ? 0.2 : 1);
     this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
     this.invalidate();
   }

@@ -26,11 +26,11 @@ export class Readouts {
   }
 
   show(sample: Sample): void {
-    write(at("asked"), formatNumber(norm(sample.vector("asked")), 2));
-    write(at("given"), formatNumber(norm(sample.vector("given")), 2));
+    write(at("asked"), formatNumber(norm(sample.vector("wrench_commanded")), 2));
+    write(at("given"), formatNumber(norm(sample.vector("wrench_actual")), 2));
     this.turn(sample);
     this.place(sample);
-    const currents = sample.list("currents");
+    const currents = sample.list("current_measured");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
       const celsius = windings[i]! - KELVIN;
@@ -45,12 +45,12 @@ export class Readouts {
   /** Torque asked and given, and what limits it: shown once a world asks for torque, or a person chose it. */
   private turn(sample: Sample): void {
     const part = sample.number("part");
-    const asked = norm(sample.vector("asked", 3));
+    const asked = norm(sample.vector("wrench_commanded", 3));
     if (!Number.isNaN(part)) this.turned = part > 0 || asked > 0;
     at("turning").hidden = at("part").hidden = !this.turned;
     if (!this.turned) return;
     write(at("torque-asked"), formatNumber(1000 * asked, 1));
-    write(at("torque-given"), formatNumber(1000 * norm(sample.vector("given", 3)), 1));
+    write(at("torque-given"), formatNumber(1000 * norm(sample.vector("wrench_actual", 3)), 1));
     const held = this.session.saturations[sample.number("saturated")];
     write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Limited by ${held}.` : ""}`.trim());
   }
@@ -65,7 +65,7 @@ export class Readouts {
 
   /** The same, as a sentence for those who listen. */
   sentence(sample: Sample): string {
-    const given = norm(sample.vector("given"));
+    const given = norm(sample.vector("wrench_actual"));
     if (!Number.isFinite(given)) return "";
     const { tilt, length } = spherical(sample.vector("p"));
     return `${given.toFixed(1)} newton delivered at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;

@@ -80,9 +80,9 @@ export class AxesSubject implements Subject {
 
   show(sample: Sample): boolean {
     const p = sample.vector("p");
-    const target = sample.vector("target");
-    const asked = sample.vector("asked");
-    const given = sample.vector("given");
+    const target = sample.vector("hand_goal");
+    const asked = sample.vector("wrench_commanded");
+    const given = sample.vector("wrench_actual");
     const q = sample.quaternion("q");
     const now = [...[...p, ...target].map((x) => x * 20000), ...[...asked, ...given].map((x) => x * 250), ...q.map((x) => x * 500)];
     // Noise of the sensors is no reason to draw: 0.05 mm, 4 mN and 0.2° are.

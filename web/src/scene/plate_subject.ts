@@ -103,7 +103,7 @@ export class PlateSubject extends AxesSubject {
   }
 
   override show(sample: Sample): boolean {
-    const glows = this.board.glow(sample.list("currents"));
+    const glows = this.board.glow(sample.list("current_measured"));
     if (glows) this.stage.touch();
     return super.show(sample) || glows;
   }

@@ -60,10 +60,10 @@ export class RotorSubject implements Subject {
 
   show(sample: Sample): boolean {
     const q = sample.quaternion("q");
-    const target = sample.quaternion("target_q");
-    const asked = sample.vector("asked", 3);
-    const given = sample.vector("given", 3);
-    const currents = sample.list("currents");
+    const target = sample.quaternion("hand_goal_q");
+    const asked = sample.vector("wrench_commanded", 3);
+    const given = sample.vector("wrench_actual", 3);
+    const currents = sample.list("current_measured");
     const now = [...q, ...target].map((x) => x * 4000);
     now.push(...[...asked, ...given].map((x) => x * 200), ...Array.from(currents, (x) => x * 100));
     // Noise of the sensors is no reason to draw: 0.03°, 5 mN·m and 10 mA are.

@@ -89,10 +89,10 @@ export class ToolSubject implements Subject {
 
   show(sample: Sample): boolean {
     const p = sample.vector("p");
-    const target = sample.vector("target");
-    const asked = sample.vector("asked");
-    const given = sample.vector("given");
-    const currents = sample.list("currents");
+    const target = sample.vector("hand_goal");
+    const asked = sample.vector("wrench_commanded");
+    const given = sample.vector("wrench_actual");
+    const currents = sample.list("current_measured");
     const now = [...p.map((x) => x * 20000), ...target.map((x) => x * 20000), ...asked.map((x) => x * 250)];
     now.push(...given.map((x) => x * 250), ...Array.from(currents.subarray(0, 3), (x) => x * 5));
     // Noise of the sensors is no reason to draw: 0.05 mm, 4 mN and 0.2 A are.

@@ -150,7 +150,7 @@ def two_phases(
     tick = Tick(known, _WORLD, driver, recorder, make_allocator(known), _DT, linkage)
     parts = MinimumPowerAllocator(known.coils.current_limit, resistance=known.coils.resistance)
     layout, row = tick.layout, tick.layout.empty()
-    asked = layout["asked"]
+    asked = layout["wrench_commanded"]
     rows: list[Any] = []
     split: list[Any] = []
     total = round((starts[3] + _PHASE_2 + 0.2) / _DT)
@@ -191,7 +191,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
     line = np.polynomial.Polynomial.fit(place, force[:, 1], 1)
     stiffness = compute_pull_stiffness()
     width = 6.3e-3 / math.cos(math.radians(2.0))
-    torque = np.linalg.norm(np.concatenate([pull["asked"], right["asked"]])[:, 3:], axis=1)
+    torque = np.linalg.norm(np.concatenate([pull["wrench_commanded"], right["wrench_commanded"]])[:, 3:], axis=1)
     last = right["object_wrench"][-50:, 5].mean()
 
     def one(
@@ -227,7 +227,7 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
             -stiffness * 2 * math.tan(math.radians(2.0)) * 1e-3, line.deriv()(X_0) * 1e-3, "N/mm", 0.2, "E9"),
         one("torque-zero", "torque about Z' when the plug is upright, over that at 2°: 'becomes zero'", 0.0,
             abs(last) / abs(right["object_wrench"][:20, 5].mean()), "1", 5e-3, "E20"),
-        one("given", "torque on the rotor against the torque asked, both phases, rms over rms", 0.0,
+        one("wrench_actual", "torque on the rotor against the torque asked, both phases, rms over rms", 0.0,
             _departure(pull, right), "1", 0.02, basis="own"),
         one("sum", "sum of the currents of the parts against the commanded currents, largest difference", 0.0,
             max(_explanation_error(pull), _explanation_error(right)), "A", 5e-3, basis="own"),
@@ -241,14 +241,14 @@ def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[
 
 
 def _departure(*courses: PhaseRecord) -> float:
-    asked = np.concatenate([course["asked"][:, 3:] for course in courses])
-    given = np.concatenate([course["given"][:, 3:] for course in courses])
+    asked = np.concatenate([course["wrench_commanded"][:, 3:] for course in courses])
+    given = np.concatenate([course["wrench_actual"][:, 3:] for course in courses])
     return float(np.sqrt(((given - asked) ** 2).sum() / (asked**2).sum()))
 
 
 def _explanation_error(course: PhaseRecord) -> float:
     parts = course.psi + course.lam + course.phi + course.rest
-    return float(np.abs(parts - course["wanted"]).max())
+    return float(np.abs(parts - course["current_commanded"]).max())
 
 
 def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
@@ -277,7 +277,7 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
             top.plot(along, wrench[:, 5], "C2", label="T_Z' about o' on the plug")
             top.set(ylabel="N·m", title="Phase 2, rotating: turned upright")
             expected = [(of_torques[2] * wrench[:, 5], "η₃ T_φ' of (5b)")]
-        asked, given = course.euler_torque("asked"), course.euler_torque("given")
+        asked, given = course.euler_torque("wrench_commanded"), course.euler_torque("wrench_actual")
         for axis, name in enumerate(("T_ψ", "T_λ", "T_φ")):
             torques.plot(along, given[:, axis], color=f"C{axis}", linewidth=0.8, alpha=0.6)
             torques.plot(along, asked[:, axis], color=f"C{axis}", linestyle="--", label=name)
@@ -291,7 +291,9 @@ def _draw_figure(pull: PhaseRecord, right: PhaseRecord, path: Path) -> Path:
         )
         for panel, (currents, name) in zip(lower[:2], parts, strict=True):
             _currents(panel, along, currents, f"currents for {name}")
-        _currents(lower[2], along, course["wanted"], "all currents summed, with those for weight and regulator")
+        _currents(
+            lower[2], along, course["current_commanded"], "all currents summed, with those for weight and regulator"
+        )
         top.legend(fontsize=8)
         if column == 0:  # between the lines
             torques.legend(fontsize=8, ncols=5, loc="center", bbox_to_anchor=(0.5, 0.64))

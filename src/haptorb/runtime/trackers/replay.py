@@ -29,9 +29,9 @@ def load_poses(path: str | Path) -> Array:
     Raises RecordingError if the file is not of this version, DriverError if it contains no pose.
     """
     recording = Recording(path)
-    recording.require("t", "age", "valid", "target", "target_q", "p", "q")
+    recording.require("t", "age", "valid", "hand_goal", "hand_goal_q", "p", "q")
     t, age, valid = recording.t, recording["age"], recording["valid"] == 1.0
-    wanted, turned = recording["target"], recording["target_q"]
+    wanted, turned = recording["hand_goal"], recording["hand_goal_q"]
     if not np.isfinite(wanted).any():
         wanted, turned = recording["p"], recording["q"]
     whole = np.isfinite(np.column_stack([wanted, turned])).all(axis=1) & np.isfinite(age) & np.isfinite(t)
