@@ -45,7 +45,7 @@ def test_exports_and_ranges_accept_them(tmp_path: Path) -> None:
     with pytest.warns(DeprecationWarning, match="wrench_commanded"):
         Export.of(recording, "csv", ["t", "asked"]).write(tmp_path / "csv")
     assert (tmp_path / "csv").read_text(encoding="utf-8").startswith("t [s],wrench_commanded[0] [N],")
-    with pytest.warns(DeprecationWarning):
+    with pytest.warns(DeprecationWarning, match="duty_applied"):
         assert recording.read(0, 2, ["duties"]).shape == (min(2, len(recording)), 3)
 
 

@@ -179,7 +179,9 @@ def export(
     ] = None,
     fields: Annotated[
         str | None,
-        typer.Option(help="Fields, separated by commas: t,p,wrench_commanded (default: all; haptorb info --fields lists them)."),
+        typer.Option(
+            help="Fields, separated by commas: t,p,wrench_commanded (default: all; haptorb info --fields lists them)."
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
