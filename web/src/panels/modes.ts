@@ -65,7 +65,7 @@ export class ModePanel {
     const [x, y, z] = sample.vector("object").map((value) => formatNumber(value * 1000, 1));
     const held = document.querySelector("[data-held]")?.textContent ?? "plug";
     const hold = this.engaged ? "" : `, ${held} released`;
-    return `mode ${mode}${hold}; ${held} ${x} millimetres out, ${y} aside, ${z} up, resisted by ${formatNumber(norm(sample.vector("object_wrench")), 1)} newton`;
+    return `mode ${mode}${hold}; ${held} ${x} millimetres out, ${y} sideways, ${z} up, resisted by ${formatNumber(norm(sample.vector("object_wrench")), 1)} newton`;
   }
 
   private describeMode(move: number, turn: number): string {

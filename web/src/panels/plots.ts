@@ -194,7 +194,8 @@ export class Plots {
       this.select.value === "radial"
         ? { label, colour, dashed, from: [...of(name), ...position], make: radial }
         : { label, colour, dashed, from: of(name), make: magnitude };
-    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--given", false), pair("wrench_commanded", "commanded", "--asked", true)];
+    // read as: delivered 0.30 of 0.31
+    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--given", false), pair("wrench_commanded", "of", "--asked", true)];
     return axes.flatMap((i) => [
       { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`wrench_actual[${first + i}]`)], make: same },
       { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`wrench_commanded[${first + i}]`)], make: same },

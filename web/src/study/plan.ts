@@ -115,5 +115,5 @@ export function describeForce(pen: Pen | null): string {
   if (pen.off) return "coils off";
   if (pen.out === undefined) return "";
   const aside = Math.hypot(pen.fx ?? 0, pen.fy ?? 0);
-  return `${pen.out < 0 ? "pulls" : "pushes"} ${Math.abs(pen.out).toFixed(2)} N, aside ${aside.toFixed(2)} N`;
+  return `${pen.out < 0 ? "pulls inward" : "pushes outward"} ${Math.abs(pen.out).toFixed(2)} N, sideways ${aside.toFixed(2)} N`;
 }
