@@ -14,17 +14,15 @@ from haptorb.cli.program import app
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.serve.base import (
     KINDS,
-    TOKEN,
-    Access,
     ServerKind,
     add_client_force,
     check_servers,
-    choose_serve_token,
     is_client_force_alone,
     load_kind,
     open_port,
 )
 from haptorb.serve.haply import prepare
+from haptorb.web.access import SERVE_TOKEN, Access, choose_serve_token
 from haptorb.worlds import Dome, Remote, Terrain
 from haptorb.worlds.user_world import parse_world_file
 
@@ -92,13 +90,13 @@ def test_a_missing_package_says_what_to_install(monkeypatch):
 
 
 def test_a_token_is_made_for_other_computers_and_may_be_set_for_other_accounts(monkeypatch):
-    monkeypatch.delenv(TOKEN, raising=False)
+    monkeypatch.delenv(SERVE_TOKEN, raising=False)
     assert choose_serve_token("127.0.0.1") == choose_serve_token("localhost") == ""
     assert len(choose_serve_token("0.0.0.0")) >= 16
-    monkeypatch.setenv(TOKEN, "a-token-that-stays")
+    monkeypatch.setenv(SERVE_TOKEN, "a-token-that-stays")
     assert choose_serve_token("127.0.0.1") == choose_serve_token("0.0.0.0") == "a-token-that-stays"
-    monkeypatch.setenv(TOKEN, "short")
-    with pytest.raises(InputError, match=TOKEN):
+    monkeypatch.setenv(SERVE_TOKEN, "short")
+    with pytest.raises(InputError, match=SERVE_TOKEN):
         choose_serve_token("0.0.0.0")
 
 

@@ -1,15 +1,12 @@
-"""Servers of a run (`--serve`): preparation, processes, access control, and the device as a server process sees it."""
+"""Servers of a run (`--serve`): preparation, processes, ports, and the device as a server process sees it."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import ipaddress
 import json
 import math
 import os
-import re
-import secrets
 import shutil
 import socket
 import subprocess
@@ -23,7 +20,6 @@ from pathlib import Path
 from time import monotonic, process_time, sleep
 from types import TracebackType
 from typing import Any, Literal, Protocol, Self, cast, final
-from urllib.parse import urlsplit
 
 from haptorb.arrays import Array, record
 from haptorb.cluster import pack
@@ -35,10 +31,10 @@ from haptorb.runtime.liveness import HangWatch
 from haptorb.runtime.prestart import start_module
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import BUTTONS, Phase, SharedMemory, TextSlot, Word
-from haptorb.runtime.sockets import is_own_account, tcp_owner
 from haptorb.runtime.world_output import show
 from haptorb.simulation.hand import SampledPath, ScriptedMotion
 from haptorb.version import __version__
+from haptorb.web.access import LOOPBACK
 from haptorb.worlds import Remote
 from haptorb.worlds.base import World
 from haptorb.worlds.dynamic import HOLD
@@ -48,11 +44,8 @@ from haptorb.worlds.user_world import FileWithRemote, WorldFile
 __all__ = [
     "KINDS",
     "LATE",
-    "LOOPBACK",
     "OTHER_LOOPBACK",
     "SILENCE",
-    "TOKEN",
-    "Access",
     "KindModule",
     "ServedDevice",
     "ServerChoice",
@@ -63,13 +56,10 @@ __all__ = [
     "add_client_force",
     "check_port",
     "check_servers",
-    "choose_serve_token",
     "describe_servers",
     "has_other_loopback",
     "hold_tool",
     "is_client_force_alone",
-    "is_loopback",
-    "is_own_connection",
     "load_kind",
     "open_port",
     "port_owner",
@@ -560,7 +550,7 @@ def describe_run(servo: Servo) -> dict[str, Any]:
 # Ports of servers, with errors that name the program that uses a port.
 
 
-LOOPBACK, OTHER_LOOPBACK = "127.0.0.1", "::1"
+OTHER_LOOPBACK = "::1"
 _MAX_PENDING_CONNECTIONS = 128  #: backlog of connections that are not accepted yet
 _SEND_BUFFER_BYTES = 262144  #: the kernel's buffer for a slow client [bytes]
 
@@ -574,20 +564,6 @@ def check_port(text: str, form: str) -> int:
     if not (text.isascii() and text.isdecimal() and int(text) <= 65535):
         raise InputError(f"--serve {form}: a port is a whole number from 0 to 65535; got '{text}'")
     return int(text)
-
-
-def is_loopback(host: str) -> bool:
-    """Whether `host` is reachable only from this computer.
-
-    >>> is_loopback("localhost"), is_loopback("127.0.0.1"), is_loopback("::1"), is_loopback("0.0.0.0")
-    (True, True, True, False)
-    """
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
 
 
 def has_other_loopback() -> bool:
@@ -650,100 +626,6 @@ def _port_nodes(port: int, table: str) -> set[str]:
             if bound and (table.startswith("udp") or words[3] == "0A"):  # 0A: listening
                 found.add(words[9])
     return found
-
-
-# --------------------------------------------------------------------------------------------------
-# Access control: programs and pages of this account on this computer; all others need the token of this run.
-
-
-TOKEN = "HAPTORB_SERVE_TOKEN"  #: environment variable with a token that stays the same across restarts
-
-_MIN_TOKEN_CHARACTERS = 16  #: a shorter token could be guessed [characters]
-_TOKEN_PATTERN = re.compile(r"[A-Za-z0-9_-]*")
-
-
-def choose_serve_token(host: str) -> str:
-    """Return the token that clients of other accounts must send: HAPTORB_SERVE_TOKEN of the environment, or a new one.
-
-    Without that variable it is empty for a loopback `host`: only this account may connect.
-    Raises InputError if the variable is not a valid token.
-    """
-    given = os.environ.get(TOKEN, "")
-    if not given:
-        return "" if is_loopback(host) else secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS)
-    if len(given) < _MIN_TOKEN_CHARACTERS or not _TOKEN_PATTERN.fullmatch(given):
-        raise InputError(
-            f"{TOKEN} must have at least {_MIN_TOKEN_CHARACTERS} letters, digits, - or _; got {len(given)} characters"
-        )
-    return given
-
-
-@final
-class Access:
-    """Access control of one server with its `token`; empty: only programs of this account may use it.
-
-    A page of another site could open a WebSocket to this computer (browsers allow it) and move the device: the check
-    of Origin prevents it. A page whose host name resolves to 127.0.0.1 is refused by the check of Host.
-    """
-
-    def __init__(self, token: str = "") -> None:
-        self._token = token
-
-    def refuse(self, peer: str, headers: Mapping[str, str], target: str, *, own: bool) -> str:
-        """Reason to refuse a request from the address `peer` for `target`; empty: it is accepted.
-
-        headers: names in lower case; own: the client is a program of this account on this computer.
-        """
-        near = is_loopback(peer)
-        origin = headers.get("origin")
-        if origin is not None and not _is_local_origin(origin):  # safety: serve-origin
-            return f"pages of '{origin[:100]}' may not use this server; open the page from this computer"
-        host = headers.get("host", "")
-        if near and not is_loopback(_parse_host(host)):  # safety: serve-host
-            return f"programs of this computer reach this server as localhost or 127.0.0.1, not as '{host[:100]}'"
-        if self._is_authorized(headers, target):
-            return ""
-        if near and own:  # safety: serve-account
-            return ""
-        if near:
-            return (
-                "this server is for programs of the account that runs the servo; another account needs the token "
-                f"that was set with {TOKEN}, as ?token=TOKEN or as header 'Authorization: Bearer TOKEN'"
-            )
-        return (
-            "from another computer this server needs the token that `haptorb run` printed: as header "
-            "'Authorization: Bearer TOKEN', or in the address as ?token=TOKEN"
-        )
-
-    def _is_authorized(self, headers: Mapping[str, str], target: str) -> bool:
-        if not self._token:
-            return False
-        tokens = [headers.get("authorization", "").removeprefix("Bearer ")]
-        query = target.partition("?")[2].split("&")
-        tokens += [one.removeprefix("token=") for one in query if one.startswith("token=")]
-        return any(secrets.compare_digest(one.encode(), self._token.encode()) for one in tokens[:2])
-
-
-def is_own_connection(peer: Sequence[Any] | None, own: Sequence[Any] | None) -> bool:
-    """Whether the client of a TCP connection from `peer` (host, port) to `own` runs under this account on this
-    computer."""
-    if not peer or not own or not is_loopback(str(peer[0])):
-        return False
-    return is_own_account(tcp_owner((peer[0], peer[1]), (own[0], own[1])))
-
-
-def _parse_host(authority: str) -> str:
-    """Host of `host:port`, lower case, without a trailing dot."""
-    host = authority.rsplit(":", 1)[0] if not authority.endswith("]") and ":" in authority else authority
-    return host.lower().rstrip(".")
-
-
-def _is_local_origin(origin: str) -> bool:
-    """Whether this Origin is a page of this computer, on any port."""
-    try:
-        return is_loopback(urlsplit(origin).hostname or "")
-    except ValueError:
-        return False
 
 
 # --------------------------------------------------------------------------------------------------

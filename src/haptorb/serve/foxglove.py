@@ -56,15 +56,12 @@ from haptorb.devices.geometry import Ball, RoundPart, Spot
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb.serve.base import (
-    LOOPBACK,
-    Access,
     ServedDevice,
     ServerPreparation,
     check_port,
-    choose_serve_token,
-    is_own_connection,
     open_port,
 )
+from haptorb.web.access import LOOPBACK, Access, choose_serve_token, is_own_connection
 
 __all__ = [
     "ARROW",

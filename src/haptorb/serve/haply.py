@@ -19,9 +19,11 @@ from time import monotonic
 from typing import Any, TypeAlias, cast, final
 from urllib.parse import parse_qs, unquote, urlsplit
 
-import h11
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
 from websockets.frames import Frame, Opcode
-from websockets.http11 import Request, Response
+from websockets.http11 import Request as UpgradeRequest
+from websockets.http11 import Response as UpgradeResponse
 from websockets.protocol import OPEN
 from websockets.server import ServerProtocol
 
@@ -31,21 +33,18 @@ from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.sockets import STALL, StreamTimes
 from haptorb.serve.base import (
     KINDS,
-    LOOPBACK,
     OTHER_LOOPBACK,
-    Access,
     ServedDevice,
     ServerPreparation,
     ServerPriority,
     check_port,
-    choose_serve_token,
     has_other_loopback,
-    is_loopback,
-    is_own_connection,
     open_port,
 )
 from haptorb.serve.haply_protocol import Cursor, DeviceIds, Service, Session, Settings, Space, default_space
 from haptorb.version import __version__
+from haptorb.web.access import LOOPBACK, Access, choose_serve_token, is_loopback, is_own_connection
+from haptorb.web.server import configure, limit_read_size, make_connections
 
 __all__ = [
     "GRIP",
@@ -55,12 +54,11 @@ __all__ = [
     "DeviceWatcher",
     "Endpoint",
     "Event",
-    "HttpExchange",
     "HttpReply",
     "find_kind",
     "find_session",
+    "make_application",
     "prepare",
-    "read_headers",
     "reply",
     "serve",
     "write_event",
@@ -68,7 +66,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# HTTP on the port of the WebSocket: short requests with JSON replies.
+# HTTP on the port of the WebSocket: short requests with JSON replies, by the server of the pages.
 
 
 _MAX_BODY_BYTES = 65536  #: longest body of a request [bytes]
@@ -82,113 +80,66 @@ class HttpReply:
     body: Any
 
 
-def read_headers(head: bytes) -> dict[str, str]:
-    """Parse the headers in the `head` of a request; names in lower case.
+def make_application(endpoint: Endpoint) -> ASGIApp:
+    """ASGI application that checks the access of HTTP requests and has them answered by `endpoint`."""
 
-    >>> read_headers(b"GET / HTTP/1.1\\r\\nHost: localhost\\r\\nUpgrade: websocket")
-    {'host': 'localhost', 'upgrade': 'websocket'}
-    """
-    found = {}
-    for line in head.decode("latin-1").split("\r\n")[1:]:
-        name, colon, value = line.partition(":")
-        if colon:
-            found[name.strip().lower()] = value.strip()
-    return found
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        query = scope["query_string"].decode("latin-1")
+        target = scope["raw_path"].decode("latin-1") + (f"?{query}" if query else "")
+        peer, own = scope["client"], is_own_connection(scope["client"], scope["server"])
+        if refusal := endpoint.access.refuse(str((peer or ("",))[0]), headers, target, own=own):
+            response = _encode(HttpReply(403, {"ok": False, "error": refusal}), None)
+        elif (body := await _read_body(receive)) is None:
+            response = _encode(HttpReply(413, {"ok": False, "error": "the body is too long"}), None)
+            response.headers["Connection"] = "close"
+        elif scope["method"] == "OPTIONS":
+            response = _encode(HttpReply(204, None), headers.get("origin"))
+        else:
+            response = _encode(endpoint.reply(scope["method"], target, body), headers.get("origin"))
+        await response(scope, receive, send)
+
+    return answer
 
 
-@final
-class HttpExchange:
-    """HTTP connection with `peer`: sequential requests, each answered by `reply(method, target, body)`.
+async def _read_body(receive: Receive) -> bytes | None:
+    """Body of a request; None if it is too long."""
+    body, more = b"", True
+    while more:
+        message = await receive()
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(body) > _MAX_BODY_BYTES:
+            return None
+    return body
 
-    own   whether the client runs under this account
 
-    over  whether to close the connection
-    """
-
-    def __init__(self, access: Access, peer: str, reply: Callable[[str, str, bytes], HttpReply], *, own: bool) -> None:
-        self.over = False
-        self._access, self._peer, self._reply, self._own = access, peer, reply, own
-        self._connection = h11.Connection(h11.SERVER)
-        self._request: h11.Request | None = None
-        self._body = b""
-
-    def receive(self, data: bytes) -> bytes:
-        """Process received `data`; returns the bytes to send."""
-        answer = b""
-        try:
-            self._connection.receive_data(data)
-            while True:
-                event = self._connection.next_event()
-                if event is h11.NEED_DATA or event is h11.PAUSED:
-                    return answer
-                if isinstance(event, h11.Request):
-                    self._request, self._body = event, b""
-                elif isinstance(event, h11.Data):
-                    self._body += bytes(event.data)
-                    if len(self._body) > _MAX_BODY_BYTES:
-                        return answer + self._write(
-                            HttpReply(413, {"ok": False, "error": "the body is too long"}), None
-                        )
-                elif isinstance(event, h11.EndOfMessage):
-                    answer += self._answer()
-                    if self._connection.our_state is not h11.DONE:
-                        self.over = True
-                        return answer
-                    self._connection.start_next_cycle()
-                else:
-                    self.over = True
-                    return answer
-        except h11.RemoteProtocolError as cause:
-            self.over = True
-            return answer + self._write(HttpReply(cause.error_status_hint, {"ok": False, "error": str(cause)}), None)
-        except h11.LocalProtocolError:  # the client has closed already
-            self.over = True
-            return answer
-
-    def _answer(self) -> bytes:
-        assert self._request is not None
-        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in self._request.headers}
-        target, method = self._request.target.decode("latin-1"), self._request.method.decode("latin-1")
-        if refusal := self._access.refuse(self._peer, headers, target, own=self._own):
-            return self._write(HttpReply(403, {"ok": False, "error": refusal}), None)
-        origin = headers.get("origin")
-        if method == "OPTIONS":
-            return self._write(HttpReply(204, None), origin)
-        return self._write(self._reply(method, target, self._body), origin)
-
-    def _write(self, reply: HttpReply, origin: str | None) -> bytes:
-        """Encode `reply`, with CORS headers for a page of the accepted `origin`; None: for a program."""
-        body = b"" if reply.body is None else json.dumps(reply.body).encode()
-        headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
-        if origin is not None:
-            headers += [
-                ("Access-Control-Allow-Origin", origin),
-                ("Access-Control-Allow-Methods", "GET, POST, DELETE"),
-                ("Access-Control-Allow-Headers", "content-type, authorization"),
-            ]
-        if reply.status >= 400 and self._request is None:
-            headers.append(("Connection", "close"))
-        if self._connection.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
-            self.over = True
-            return b""
-        parts = [
-            self._connection.send(h11.Response(status_code=reply.status, headers=headers)),
-            self._connection.send(h11.Data(data=body)) if body else b"",
-            self._connection.send(h11.EndOfMessage()),
-        ]
-        return b"".join(part or b"" for part in parts)
+def _encode(reply: HttpReply, origin: str | None) -> Response:
+    """Encode `reply`, with CORS headers for a page of the accepted `origin`; None: for a program."""
+    headers = {}
+    if origin is not None:
+        headers = {
+            "Access-Control-Allow-Origin": origin,
+            "Access-Control-Allow-Methods": "GET, POST, DELETE",
+            "Access-Control-Allow-Headers": "content-type, authorization",
+        }
+    content = b"" if reply.body is None else json.dumps(reply.body).encode()
+    return Response(content, reply.status, headers, "application/json")
 
 
 # --------------------------------------------------------------------------------------------------
-# Connection on one of the two ports: WebSocket or HTTP, with limits so that no client starves the others.
+# WebSocket connection on one of the two ports, with limits so that no client starves the others.
 #
-# Messages are answered in the receive callback, without a task or a queue. After two answers other connections have
-# their turn. A client that does not read its replies is no longer read, and is closed after ten seconds. After an
-# invalid message reading is paused for a moment, a refusal is sent with a delay, and data after a message that is too
-# long is discarded.
+# It takes over from the HTTP connection that asked for it. An ASGI application would receive a message through a queue
+# and a task, and without the time at which its bytes arrived, from which the age of a command counts. Here messages are
+# answered in the receive callback. After two answers other connections have their turn. A client that does not read its
+# replies is no longer read, and is closed after ten seconds. After an invalid message reading is paused for a moment, a
+# refusal is sent with a delay, and data after a message that is too long is discarded.
 
 
-_READ_BUFFER_BYTES = 4096  #: read at once; limits how long a flood of small messages delays the others [bytes]
+_READ_BYTES = 4096  #: read at once; limits how long a flood of small messages delays the others [bytes]
 _MAX_MESSAGE_BYTES = 65536  #: longest message [bytes]
 _MAX_FRAGMENTS = 256  #: per message: endless empty fragments must not fill the memory
 _MAX_HEAD_BYTES = 16384  #: longest head of a request [bytes]
@@ -197,7 +148,7 @@ _MAX_UNREAD_BYTES = 65536  #: write buffer for a client that does not read [byte
 _CLIENT_TIMEOUT_S = 10.0  #: for a request, or for a client to read [s]
 _INVALID_MESSAGE_DELAY_S = 0.005  #: pause in reading after an invalid message [s]
 _REFUSAL_DELAY_S = 0.05  #: before a refusal is sent: limits a client that retries at once to 20 attempts per second [s]
-_DISCARD_BUFFER_BYTES = 262144  #: data discarded at once [bytes]
+_DISCARD_BYTES = 262144  #: data discarded at once [bytes]
 _CLOSE_TIMEOUT_S = 1.0  #: for a client to read why its message was refused as too long [s]
 
 
@@ -229,16 +180,13 @@ class Endpoint(ABC):
 
 
 @final
-class Connection(asyncio.BufferedProtocol):
-    """Connection of one client of `endpoint`; `peer` is its IP address."""
+class Connection(asyncio.Protocol):
+    """WebSocket connection of one client of `endpoint`; `peer` is its IP address. The rest is what uvicorn gives."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(self, endpoint: Endpoint, **_: Any) -> None:
         self.endpoint, self.peer, self._own = endpoint, "", False
         self._times, self._descriptor, self._arrival = StreamTimes(), -1, 0.0
-        self._buffer = bytearray(_READ_BUFFER_BYTES)
-        self._head = b""
-        self._websocket: ServerProtocol | None = None
-        self._exchange: HttpExchange | None = None
+        self._websocket = ServerProtocol(max_size=_MAX_MESSAGE_BYTES)
         self._open = self._paused = self._failed = self._delayed = False
         self._parts: list[bytes] = []  # of a fragmented message
         self._waiting: deque[tuple[float, bytes]] = deque()  # complete messages, each with its arrival [s]
@@ -248,74 +196,44 @@ class Connection(asyncio.BufferedProtocol):
         """Register a new connection; refuse it if there are too many."""
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(high=_MAX_UNREAD_BYTES)
+        limit_read_size(self._transport, _READ_BYTES)
         peer, self._descriptor = transport.get_extra_info("peername"), transport.get_extra_info("socket").fileno()
         self.peer = str((peer or ("",))[0])
         self._own = is_own_connection(peer, transport.get_extra_info("sockname"))
         self.endpoint.connections.add(self)
         self._start_timeout()
         if len(self.endpoint.connections) > self.endpoint.room:
+            self._failed = True
             self._transport.write(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
             self._transport.close()
 
-    def get_buffer(self, sizehint: int) -> bytearray:
-        """Return the receive buffer."""
-        return self._buffer
-
-    def buffer_updated(self, nbytes: int) -> None:
-        """Process received bytes: head of the first request, HTTP, or WebSocket."""
+    def data_received(self, data: bytes) -> None:
+        """Process received bytes, with the time at which they arrived."""
         if self._failed:
             return
         now = monotonic()
         if now - self.endpoint.alive > STALL:
             self._times.wait(self.endpoint.alive)
         self._arrival = self._times.find(self._descriptor, now)
-        data = bytes(self._buffer[:nbytes])
-        if self._websocket is not None:
-            self._receive(data)
-        elif self._exchange is not None:
-            self._serve_http(data)
-        else:
-            self._read_head(data)
-
-    def _read_head(self, data: bytes) -> None:
-        """Collect the head of the first request, which tells WebSocket from HTTP."""
-        self._head += data
-        end = self._head.find(b"\r\n\r\n")
-        if end < 0 and len(self._head) <= _MAX_HEAD_BYTES:
-            return
-        data, self._head = self._head, b""
-        headers = read_headers(data[: max(end, 0)])
-        if headers.get("upgrade", "").lower() == "websocket":
-            self._websocket = ServerProtocol(max_size=_MAX_MESSAGE_BYTES)
-            self._receive(data)
-        else:
-            self._exchange = HttpExchange(self.endpoint.access, self.peer, self.endpoint.reply, own=self._own)
-            self._serve_http(data)
-
-    def _serve_http(self, data: bytes) -> None:
-        assert self._exchange is not None
-        self._start_timeout()
-        self._transport.write(self._exchange.receive(data))
-        if self._exchange.over:
-            self._transport.close()
+        self._receive(data)
 
     def _receive(self, data: bytes) -> None:
         websocket = self._websocket
-        assert websocket is not None
         websocket.receive_data(data)
         for event in websocket.events_received():
-            if isinstance(event, Request):
+            if isinstance(event, UpgradeRequest):
                 self._handle_handshake(websocket, event)
             elif isinstance(event, Frame):
                 self._collect_frame(event)
         self._flush()
         if websocket.parser_exc is not None:
-            self._failed, self._buffer = True, bytearray(_DISCARD_BUFFER_BYTES)
+            self._failed = True
+            limit_read_size(self._transport, _DISCARD_BYTES)
             self._start_timeout(_CLOSE_TIMEOUT_S)
             return
         self._answer_waiting()
 
-    def _handle_handshake(self, websocket: ServerProtocol, request: Request) -> None:
+    def _handle_handshake(self, websocket: ServerProtocol, request: UpgradeRequest) -> None:
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
         refusal = self.endpoint.access.refuse(self.peer, headers, request.path, own=self._own)
         if refusal:
@@ -329,8 +247,7 @@ class Connection(asyncio.BufferedProtocol):
             self._cancel_timeout()
             self.endpoint.open(self)
 
-    def _refuse(self, response: Response) -> None:
-        assert self._websocket is not None
+    def _refuse(self, response: UpgradeResponse) -> None:
         if not self._transport.is_closing():
             self._websocket.send_response(response)
             self._flush()
@@ -390,7 +307,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def send(self, text: str) -> None:
         """Send one text message, if the WebSocket is open."""
-        if self._open and self._websocket is not None and self._websocket.state is OPEN:
+        if self._open and self._websocket.state is OPEN:
             self._websocket.send_text(text.encode())
             self._flush()
 
@@ -400,7 +317,6 @@ class Connection(asyncio.BufferedProtocol):
         return self._transport.get_write_buffer_size()
 
     def _flush(self) -> None:
-        assert self._websocket is not None
         for data in self._websocket.data_to_send():
             if data:
                 self._transport.write(data)
@@ -411,7 +327,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def end(self, code: int, why: str) -> None:
         """Close the WebSocket with `code` and the reason `why`."""
-        if self._open and self._websocket is not None and self._websocket.state is OPEN:
+        if self._open and self._websocket.state is OPEN:
             self._websocket.send_close(code, why)
             self._flush()
         self._transport.close()
@@ -805,7 +721,7 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     watcher = DeviceWatcher(served, service.identity)
     listeners.first = watcher.introduce
     servers = [
-        await loop.create_server(partial(Connection, endpoint), sock=one)
+        await loop.create_server(_make_connections(endpoint), sock=one)
         for endpoint, one in zip(cycle(endpoints), sockets, strict=False)
     ]
     report, priority = 0.0, ServerPriority()
@@ -827,6 +743,16 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
         for connection in list(endpoint.connections):
             connection.end(1001, "the servo has ended")
     await asyncio.sleep(_EVENT_CHECK_INTERVAL_S)
+
+
+def _make_connections(endpoint: Endpoint) -> Callable[[], asyncio.Protocol]:
+    """Factory of the connections on one port: HTTP, of which some become a `Connection`."""
+    return make_connections(
+        configure(
+            make_application(endpoint), partial(Connection, endpoint), life=_CLIENT_TIMEOUT_S, renewed=True,
+            h11_max_incomplete_event_size=_MAX_HEAD_BYTES, timeout_keep_alive=int(_CLIENT_TIMEOUT_S),
+        )
+    )  # fmt: skip
 
 
 def _report(service: Service, address: str) -> None:

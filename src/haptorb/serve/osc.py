@@ -27,15 +27,12 @@ from haptorb.runtime.trackers.osc import read_packet
 from haptorb.serve.base import (
     KINDS,
     LATE,
-    LOOPBACK,
-    TOKEN,
     ServedDevice,
     ServerPreparation,
     check_port,
-    choose_serve_token,
-    is_loopback,
     open_port,
 )
+from haptorb.web.access import LOOPBACK, SERVE_TOKEN, choose_serve_token, is_loopback
 from haptorb.worlds import CATALOGUE, find_world
 from haptorb.worlds.base import Parameter, parameters
 
@@ -899,7 +896,7 @@ class OscSession:
         self.refused += count
         if now >= self._next_account_error:
             self._next_account_error = now + _ERROR_INTERVAL_S
-            text = f"this server is for programs of the account that runs the servo; others need {TOKEN}"
+            text = f"this server is for programs of the account that runs the servo; others need {SERVE_TOKEN}"
             self._send(make_message("/haptorb/error", text), sender)
 
     def _refuse(self, program: _Program, cause: InputError, now: float) -> None:

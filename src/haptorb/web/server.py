@@ -22,12 +22,13 @@ from functools import partial
 from pathlib import Path
 from time import sleep
 from types import FrameType
-from typing import Any, Never, cast, final
+from typing import TYPE_CHECKING, Any, Never, cast, final
 
 import uvicorn
 from starlette.responses import Response
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from uvicorn.server import ServerState
 
 from haptorb.errors import InputError
 from haptorb.runtime.linux import is_linux
@@ -43,9 +44,12 @@ __all__ = [
     "Socket",
     "bind_socket",
     "command",
+    "configure",
     "find_own_address",
     "freeze_garbage",
     "is_stop_request",
+    "limit_read_size",
+    "make_connections",
     "open_browser_at",
     "page_files",
     "prioritize",
@@ -74,26 +78,49 @@ _CLOSE_TIMEOUT_S = 1.0  #: for the client to complete the close [s]
 
 @final
 class Request(H11Protocol):
-    """HTTP connection, before a possible upgrade to `Socket`; `waiting`: all of one server, oldest first."""
+    """HTTP connection, before a possible upgrade to a WebSocket.
 
-    def __init__(self, *args: Any, waiting: list[asyncio.Transport], **more: Any) -> None:
+    waiting  all of one server, oldest first
+    life     maximum lifetime [s]; renewed: counted from the last answer
+    """
+
+    def __init__(self, *args: Any, waiting: list[asyncio.Transport], life: float, renewed: bool, **more: Any) -> None:
         super().__init__(*args, **more)
-        self._waiting = waiting
+        self._waiting, self._life, self._renewed = waiting, life, renewed
+        self._end = 0.0  # by the loop's clock
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Abort the oldest connection if there are too many, and limit the lifetime of the new one."""
         super().connection_made(transport)
-        _limit_read_size(transport)
+        limit_read_size(transport)
         self._waiting[:] = [one for one in self._waiting if isinstance(one.get_protocol(), Request)]
         while len(self._waiting) >= MOST:  # safety: few-connections
             self._waiting.pop(0).abort()
         self._waiting.append(transport)
-        self.loop.call_later(LIFE, self._end_request, transport)
+        self._end = self.loop.time() + self._life
+        self.loop.call_at(self._end, self._end_request, transport)
 
     def _end_request(self, transport: asyncio.Transport) -> None:
-        if transport.get_protocol() is self:  # it has not been upgraded to a WebSocket
-            transport.close()
-            self.loop.call_later(_CLOSE_TIMEOUT_S, transport.abort)
+        if transport.get_protocol() is not self or transport.is_closing():  # it may have been upgraded to a WebSocket
+            return
+        if self.loop.time() < self._end:
+            self.loop.call_at(self._end, self._end_request, transport)
+            return
+        transport.close()
+        self.loop.call_later(_CLOSE_TIMEOUT_S, transport.abort)
+
+    def on_response_complete(self) -> None:
+        """Renew the lifetime after an answer, if it counts from there."""
+        if self._renewed:
+            self._end = self.loop.time() + self._life
+        super().on_response_complete()
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Hand the connection over to the protocol of WebSockets, with what has been received behind the request."""
+        super().handle_websocket_upgrade(event)
+        behind = bytes(self.conn.trailing_data[0])
+        if behind:
+            cast("asyncio.Protocol", self.transport.get_protocol()).data_received(behind)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Remove the connection from the list."""
@@ -127,7 +154,7 @@ class Socket(WebSocketsSansIOProtocol):
         passing = [one for one in self.connections if isinstance(one, Socket) and one is not self and one.passes]
         for one in sorted(passing, key=lambda one: one._since)[: max(0, len(passing) - MOST + 1)]:
             one.transport.abort()
-        _limit_read_size(cast("asyncio.Transport", transport))
+        limit_read_size(cast("asyncio.Transport", transport))
         self.loop.call_later(_CLOSE_TIMEOUT_S, self._abort_if_closing, False)
         self.loop.call_later(LIFE, self._abort_handshake)
 
@@ -160,8 +187,9 @@ class OwnErrorFilter(logging.Filter):
         return record.levelno >= logging.ERROR and not isinstance(mistake, UnicodeDecodeError)
 
 
-def _limit_read_size(transport: asyncio.Transport) -> None:
-    transport.max_size = _READ_BYTES  # type: ignore[attr-defined]  # of asyncio's own transports; ignored by others
+def limit_read_size(transport: asyncio.Transport, size: int = _READ_BYTES) -> None:
+    """Read at most `size` [bytes] at once, before other connections have their turn."""
+    transport.max_size = size  # type: ignore[attr-defined]  # of asyncio's own transports; ignored by others
 
 
 HOST = "127.0.0.1"
@@ -189,23 +217,50 @@ class Server(uvicorn.Server):
 
 def server(app: Any) -> Server:
     """Configure a server for `app` (ASGI) and load its modules now: later a servo may depend on this process."""
+    return Server(configure(app))
+
+
+def configure(
+    app: Any,
+    socket: Callable[..., asyncio.Protocol] = Socket,
+    *,
+    life: float | None = None,
+    renewed: bool = False,
+    **more: Any,
+) -> uvicorn.Config:
+    """Settings of a server for `app` (ASGI), whose WebSockets become a `socket`.
+
+    `life` (None: LIFE) and `renewed` are those of `Request`, all others uvicorn's."""
+    request = partial(Request, waiting=[], life=LIFE if life is None else life, renewed=renewed)
     config = uvicorn.Config(
         app,
         log_level="warning",
         access_log=False,
         backlog=_MAX_ACCEPTS,
-        http=cast("type[Request]", partial(Request, waiting=[])),
-        ws=Socket,
+        http=cast("type[Request]", request),
+        ws=cast("type[Socket]", socket),
         ws_max_size=65536,
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=1,
         server_header=False,
+        **more,
     )
     config.load()
     log = logging.getLogger("uvicorn.error")
     if not any(isinstance(one, OwnErrorFilter) for one in log.filters):
         log.addFilter(OwnErrorFilter())
-    return Server(config)
+    return config
+
+
+def make_connections(config: uvicorn.Config) -> Callable[[], asyncio.Protocol]:
+    """Factory of connections for the `create_server` of a loop, where another program than uvicorn's runs it."""
+    state = ServerState()
+
+    def connect() -> asyncio.Protocol:
+        made: asyncio.Protocol = config.http_protocol_class(config=config, server_state=state, app_state={})
+        return made
+
+    return connect
 
 
 def run_beside(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import socket
 import threading
@@ -16,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from haptorb.web import server as connection
-from haptorb.web.server import bind_socket, server
+from haptorb.web.server import bind_socket, configure, make_connections, server
 
 pytestmark = pytest.mark.realtime(retry=False)
 
@@ -37,8 +38,6 @@ def port(monkeypatch):
 
     listening = bind_socket(0)
     serving = server(Starlette(routes=[Route("/", large), WebSocketRoute("/ws", echo)]))
-    import asyncio
-
     thread = threading.Thread(target=lambda: asyncio.run(serving.serve(sockets=[listening])))
     thread.start()
     while not serving.started:
@@ -106,6 +105,44 @@ def test_a_frame_that_is_none_ends_its_page_and_is_no_news(port, frame, capfd, c
     assert is_ended(one)
     assert "Traceback" not in capfd.readouterr().err
     assert not [record for record in caplog.records if record.name.startswith(("uvicorn", "asyncio"))]
+
+
+def test_what_comes_together_with_a_handshake_is_not_lost(port):
+    hello = b"\x81\x85\0\0\0\0hello"  # masked with zeros
+    with open_socket(port, UPGRADE + b"\r\n" + hello) as one:
+        found = b""
+        while not found.endswith(b"\x81\x05hello"):
+            more = one.recv(1000)
+            assert more, found
+            found += more
+
+
+def test_a_connection_whose_life_is_renewed_lasts_while_it_asks_and_no_longer():
+    async def app(scope, receive, send):
+        await PlainTextResponse("here")(scope, receive, send)
+
+    async def run():
+        config = configure(app, life=0.5, renewed=True, lifespan="off")
+        serving = await asyncio.get_running_loop().create_server(make_connections(config), "127.0.0.1", 0)
+        host, number = serving.sockets[0].getsockname()
+        (asking, writer), (trickling, other) = [await asyncio.open_connection(host, number) for _ in range(2)]
+        begin, ended = time.monotonic(), 0.0
+        for _ in range(10):
+            writer.write(HALF + b"\r\n")
+            assert b"200 OK" in await asking.readuntil(b"here")
+            with contextlib.suppress(ConnectionError):
+                other.write(b"G")
+            await asyncio.sleep(0.1)
+            if not ended and trickling.at_eof():
+                ended = time.monotonic() - begin
+        assert 0.4 < ended < 0.9
+        assert await asyncio.wait_for(asking.read(), 5) == b""
+        for one in (writer, other):
+            one.close()
+        serving.close()
+        await asyncio.sleep(0.05)
+
+    asyncio.run(run())
 
 
 def test_who_never_reads_is_cut_off(port):
