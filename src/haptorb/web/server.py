@@ -33,6 +33,9 @@ from uvicorn.server import ServerState
 from haptorb.errors import InputError
 from haptorb.runtime.linux import is_linux
 
+if TYPE_CHECKING:
+    import h11
+
 __all__ = [
     "HOST",
     "LIFE",
@@ -257,8 +260,8 @@ def make_connections(config: uvicorn.Config) -> Callable[[], asyncio.Protocol]:
     state = ServerState()
 
     def connect() -> asyncio.Protocol:
-        made: asyncio.Protocol = config.http_protocol_class(config=config, server_state=state, app_state={})
-        return made
+        made = cast("Callable[..., Request]", config.http_protocol_class)  # `configure` has bound the rest
+        return made(config=config, server_state=state, app_state={})
 
     return connect
 
