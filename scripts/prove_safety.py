@@ -59,7 +59,6 @@ SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
 FRAME_TESTS = "tests/estimation/tracker_frame/test_frame_registration.py"
 NATIVE_TESTS = "tests/serve/native/test_server.py"
 OSC_TESTS = "tests/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
-VIEWER_TESTS = "tests/serve/foxglove/test_viewer_connection.py"
 SERVED_TESTS, ACCESS_TESTS = "tests/serve/test_served_device.py", "tests/serve/test_server_choice.py"
 OSC_LATE_TESTS = "tests/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
 LSL_TESTS = "tests/runtime/trackers/test_lsl_streams.py"
@@ -326,8 +325,6 @@ RULES = [
     ("serve-host", "a name that is not this computer's reaches no server", "never", ACCESS_TESTS),
     ("osc-finite", "an OSC message's numbers are finite", "never", "tests/serve/osc/test_requests.py"),
     ("osc-token", "an OSC message from beyond this computer needs the token", "never", OSC_TESTS),
-    ("foxglove-origin", "pages of other sites see nothing of a device", "never", VIEWER_TESTS),
-    ("foxglove-host", "a name that is not this computer's reaches no live view", "never", VIEWER_TESTS),
     ("recordings-run-no-code", "what a recording names runs only if it is on the own list", "never", STARTED_TESTS),
     ("own-list-only", "a list that others may write is not believed", "replace value by True", STARTED_TESTS),
     ("noted-arrays-are-numbers", "an array in a world's note is one of numbers", "never", STARTED_TESTS),

@@ -112,6 +112,7 @@ LOCAL = {"host": "localhost:10001"}
         ("127.0.0.1", {**LOCAL, "origin": "https://evil.example"}, "/", True, False),
         ("127.0.0.1", {**LOCAL, "origin": "http://localhost.evil.example"}, "/", True, False),
         ("127.0.0.1", {**LOCAL, "origin": "null"}, "/", True, False),
+        ("127.0.0.1", {**LOCAL, "origin": ""}, "/", True, False),
         ("127.0.0.1", {"host": "rebound.example:10001"}, "/", True, False),
         ("127.0.0.1", {}, "/", True, False),
         ("192.0.2.7", {"host": "192.0.2.1:10001"}, "/", False, False),

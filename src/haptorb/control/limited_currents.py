@@ -304,10 +304,10 @@ _TORQUE_TOLERANCE = 1e-11  #: relative to the torque
 
 
 @exact_kernel
-def _least_norm(Q: Array, t: Array, share: float, box: Array, nu: Array, y: Array) -> int:
+def _least_norm(Q: Array, t: Array, share: float, box: Array, work: Array, y: Array) -> int:
     """Minimise ‖y‖ with Q y = share · t, |y_j| ≤ box_j, for orthonormal rows of Q (3, m); returns what `dual_newton`
-    does."""
-    target, square = np.empty(3), 0.0
+    does. work (2, 3) is overwritten."""
+    target, nu, square = work[0], work[1], 0.0
     for i in range(3):
         target[i] = nu[i] = t[i] * share  # already optimal if no current meets its limit
         square += target[i] * target[i]
@@ -362,9 +362,9 @@ def solve_bounded_power(
 
     # y = √R i normalises the channels: minimise ‖y‖². Columns with zero current limit are left out. Torque and
     # characteristic are scaled by their largest entries, so that no square underflows.
-    lines, vectors = np.zeros((6, m)), np.empty((3, 3))
+    lines, vectors = np.zeros((6, m)), np.empty((4, 3))
     Q, box, root, y = lines[:3], lines[3], lines[4], lines[5]
-    t, asked, nu = vectors[0], vectors[1], vectors[2]
+    t, asked, start = vectors[0], vectors[1], vectors[2:]
     unit = greatest / strongest
     for j in range(m):
         root[j] = np.sqrt(resistance[j])
@@ -384,7 +384,7 @@ def solve_bounded_power(
     status = SCALED
     scale = 1.0
     if outside <= _UNDRIVEN_AXIS_TOLERANCE * size:
-        status = _least_norm(Q, t, 1.0, box, nu, y)
+        status = _least_norm(Q, t, 1.0, box, start, y)
         if status == NOT_CONVERGED and reach(Q, t, box, rank) < 1.0:
             status = SCALED
     if status == SCALED and nearest:
@@ -408,7 +408,7 @@ def solve_bounded_power(
         # always suffices; limits many decades apart may need more.
         hair = 1e-9
         while True:
-            if _least_norm(Q, t, 1.0 - hair, box, nu, y) == GIVEN:
+            if _least_norm(Q, t, 1.0 - hair, box, start, y) == GIVEN:
                 break
             hair *= 30.0
             if hair > 0.1:

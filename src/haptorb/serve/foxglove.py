@@ -11,7 +11,6 @@ import contextlib
 import http
 import json
 import math
-import re
 import socket
 import struct
 from base64 import b64encode
@@ -67,6 +66,7 @@ __all__ = [
     "ARROW",
     "FORM",
     "MOVER",
+    "PAGES",
     "PORT",
     "ROOM",
     "STATOR",
@@ -75,7 +75,6 @@ __all__ = [
     "RowTopic",
     "Topic",
     "ViewerConnection",
-    "is_trusted",
     "make_json_schema",
     "make_shape",
     "make_topic",
@@ -651,10 +650,7 @@ _MAX_MESSAGE_BYTES = 65536  #: longest message of a viewer [bytes]
 _MAX_UNSENT_BYTES = 65536  #: write buffer of a connection [bytes]; further messages wait in the viewer's queue
 
 #: origins of Foxglove in the browser and on the desktop, and of pages of this computer, such as a user's own viewer
-_ORIGIN_PATTERN = re.compile(
-    r"https://([a-z0-9-]+\.)*foxglove\.dev|file://|https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"
-)
-_HOST_PATTERN = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
+PAGES = r"https://([a-z0-9-]+\.)*foxglove\.dev|file://"  #: origins of Foxglove in a browser, and of the program
 
 
 def prepare(where: str) -> ServerPreparation:
@@ -669,23 +665,10 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
     asyncio.run(_FoxgloveServer(served, spec["address"], spec["token"]).run(socket.socket(fileno=descriptors[0])))
 
 
-def is_trusted(origin: str | None, host: str | None) -> bool:
-    """Whether to accept a connection with these headers: a program (no origin), Foxglove, a page of this computer.
-
-    >>> is_trusted("https://app.foxglove.dev", "localhost:8766"), is_trusted("https://example.org", "localhost:8766")
-    (True, False)
-    """
-    if host is None or not _HOST_PATTERN.fullmatch(host.lower()):  # safety: foxglove-host
-        return False
-    if origin is not None and not _ORIGIN_PATTERN.fullmatch(origin.lower()):  # noqa: SIM103  # safety: foxglove-origin
-        return False
-    return True
-
-
 @final
 class _FoxgloveServer:
     def __init__(self, served: ServedDevice, address: str, token: str) -> None:
-        self._served, self._address, self._access = served, address, Access(token)
+        self._served, self._address, self._access = served, address, Access(token, PAGES)
         self._view = LiveView(served)
         self._refused = self._dropped = 0
         self._last = monotonic()
@@ -707,21 +690,14 @@ class _FoxgloveServer:
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
         """Refuse pages of other sites, programs of other accounts, and viewers above the maximum."""
-        headers = request.headers
-        try:
-            trusted = is_trusted(headers.get("Origin"), headers.get("Host"))
-        except LookupError:  # a duplicate header
-            trusted = False
-        if not trusted:
-            self._refused += 1
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "pages of other sites may not connect\n")
-        names = {name.lower(): value for name, value in headers.raw_items()}
-        names.pop("origin", None)  # already checked by `is_trusted`, which also accepts Foxglove's
+        names = {name.lower(): value for name, value in request.headers.raw_items()}
         transport = connection.transport
         own = is_own_connection(transport.get_extra_info("peername"), transport.get_extra_info("sockname"))
-        if refusal := self._access.refuse(LOOPBACK, names, request.path, own=own):
+        repeated = any(len(request.headers.get_all(name)) > 1 for name in ("Origin", "Host"))
+        refusal = self._access.refuse(LOOPBACK, names, request.path, own=own)
+        if repeated or refusal:
             self._refused += 1
-            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal or 'Origin or Host is there twice'}\n")
         if len(self._view.viewers) >= _MAX_VIEWERS:
             self._refused += 1
             return connection.respond(

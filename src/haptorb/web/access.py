@@ -265,12 +265,14 @@ def _add_policy(send: Send, policy: str) -> Send:
 class Access:
     """Access control of one server with its `token`; empty: only programs of this account may use it.
 
+    pages: regular expression of other origins whose pages may use it, beside those of this computer; initially none.
+
     A page of another site could open a WebSocket to this computer (browsers allow it) and move the device: the check
     of Origin prevents it. A page whose host name resolves to 127.0.0.1 is refused by the check of Host.
     """
 
-    def __init__(self, token: str = "") -> None:
-        self._token = token
+    def __init__(self, token: str = "", pages: str = "(?!)") -> None:
+        self._token, self._pages = token, re.compile(pages)
 
     def refuse(self, peer: str, headers: Mapping[str, str], target: str, *, own: bool) -> str:
         """Reason to refuse a request from the address `peer` for `target`; empty: it is accepted.
@@ -279,8 +281,9 @@ class Access:
         """
         near = is_loopback(peer)
         origin = headers.get("origin")
-        if origin is not None and not _is_local_origin(origin):  # safety: serve-origin
-            return f"pages of '{origin[:100]}' may not use this server; open the page from this computer"
+        known = origin is None or _is_local_origin(origin) or self._pages.fullmatch(origin.lower()) is not None
+        if not known:  # safety: serve-origin
+            return f"pages of '{str(origin)[:100]}' may not use this server; open the page from this computer"
         host = headers.get("host", "")
         if near and not is_loopback(_parse_host(host)):  # safety: serve-host
             return f"programs of this computer reach this server as localhost or 127.0.0.1, not as '{host[:100]}'"

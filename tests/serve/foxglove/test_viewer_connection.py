@@ -8,7 +8,8 @@ import struct
 
 import pytest
 
-from haptorb.serve.foxglove import ROOM, ViewerConnection, is_trusted
+from haptorb.serve.foxglove import PAGES, ROOM, ViewerConnection
+from haptorb.web.access import Access
 
 
 def subscribe(number: object, topic: object) -> str:
@@ -76,10 +77,13 @@ def test_a_viewer_subscribes_to_so_much_only() -> None:
         ("https://foxglove.dev.example.org", "localhost:8766", False),
         ("https://notfoxglove.dev", "localhost:8766", False),
         ("null", "localhost:8766", False),
+        ("file://", "localhost:8766", True),
+        ("", "localhost:8766", False),
         ("http://localhost.example.org", "localhost:8766", False),
         (None, "example.org:8766", False),
         (None, None, False),
     ],
 )
 def test_pages_of_other_sites_may_not_look_on(origin: str | None, host: str | None, trusted: bool) -> None:
-    assert is_trusted(origin, host) is trusted
+    headers = {name: value for name, value in (("origin", origin), ("host", host)) if value is not None}
+    assert (Access("", PAGES).refuse("127.0.0.1", headers, "/", own=True) == "") is trusted
