@@ -17,7 +17,9 @@ struct device {
     double command_period;   /* [s], smoothed */
     double force_limit, torque_limit, grip_limit; /* of the program itself; infinite: none */
     double mass;             /* of the end effector, as the program says */
-    bool gravity, emulated_button;
+    bool gravity, emulated_button, grip_off;
+    double force[3], torque[3]; /* of the last dhdSetForce and dhdSetTorque alone */
+    int64_t force_at, torque_at; /* when; 0: a function that commands both came later */
     struct regulation *regulation; /* DRD's; NULL: never started */
 };
 

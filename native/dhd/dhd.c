@@ -12,6 +12,7 @@
 #define SMOOTHING 0.05       /* of the time between commands */
 #define DEGREES (180.0 / M_PI)
 #define GRAVITY_MAX 30.0     /* [m/s2] */
+#define ALONE_NS 50000000    /* a force lasts as long without its torque being commanded, and the other way round */
 
 static struct device devices[LINKS_MAX];
 static int current = -1; /* device behind ID -1 */
@@ -132,9 +133,11 @@ int dhd_open_number(int number)
     device->force_limit = device->torque_limit = device->grip_limit = INFINITY;
     device->mass = link->facts->mass;
     device->gravity = true;
-    device->emulated_button = false;
+    device->emulated_button = device->grip_off = false;
+    device->force_at = device->torque_at = 0;
     __atomic_store_n(&device->link, link, __ATOMIC_RELEASE);
     pthread_mutex_unlock(&device->mutex);
+    link_greet(link);
     __atomic_store_n(&current, number, __ATOMIC_RELAXED);
     dhd_succeed();
     return number;
@@ -848,6 +851,8 @@ int dhd_command(struct device *device, const double force[3], const double torqu
         less = shorten(f, device->force_limit) || less;
     if (isfinite(device->torque_limit))
         less = shorten(t, device->torque_limit) || less;
+    if (device->grip_off)
+        grip = isfinite(grip) ? 0.0 : grip;
     if (fabs(grip) > device->grip_limit) {
         grip = copysign(device->grip_limit, grip);
         less = true;
@@ -880,17 +885,42 @@ static int set_all(double fx, double fy, double fz, double tx, double ty, double
     if (drd_runs(device))
         return dhd_fail(DHD_ERROR_DEVICE_IN_USE,
                         "regulation runs: use drdSetForceAndTorqueAndGripperForce, or drdStop");
+    pthread_mutex_lock(&device->mutex);
+    device->force_at = device->torque_at = 0;
+    pthread_mutex_unlock(&device->mutex);
     return dhd_command(device, (double[]){fx, fy, fz}, (double[]){tx, ty, tz}, fg);
+}
+
+/* Programs call dhdSetForce and dhdSetTorque one after the other: each leaves what the other commanded last. */
+static int set_one(bool turns, double x, double y, double z, char ID)
+{
+    struct device *device = dhd_device(ID);
+    double force[3] = {0.0, 0.0, 0.0}, torque[3] = {0.0, 0.0, 0.0};
+
+    if (device == NULL)
+        return -1;
+    if (!isfinite(x) || !isfinite(y) || !isfinite(z) || drd_runs(device))
+        return turns ? set_all(0.0, 0.0, 0.0, x, y, z, 0.0, ID) : set_all(x, y, z, 0.0, 0.0, 0.0, 0.0, ID);
+    pthread_mutex_lock(&device->mutex);
+    const int64_t now = link_now();
+    memcpy(turns ? device->torque : device->force, (double[]){x, y, z}, sizeof force);
+    *(turns ? &device->torque_at : &device->force_at) = now;
+    if (device->force_at != 0 && now - device->force_at < ALONE_NS)
+        memcpy(force, device->force, sizeof force);
+    if (device->torque_at != 0 && now - device->torque_at < ALONE_NS)
+        memcpy(torque, device->torque, sizeof torque);
+    pthread_mutex_unlock(&device->mutex);
+    return dhd_command(device, force, torque, 0.0);
 }
 
 EXPORT int dhdSetForce(double fx, double fy, double fz, char ID)
 {
-    return set_all(fx, fy, fz, 0.0, 0.0, 0.0, 0.0, ID);
+    return set_one(false, fx, fy, fz, ID);
 }
 
 EXPORT int dhdSetTorque(double tx, double ty, double tz, char ID)
 {
-    return set_all(0.0, 0.0, 0.0, tx, ty, tz, 0.0, ID);
+    return set_one(true, tx, ty, tz, ID);
 }
 
 EXPORT int dhdSetForceAndTorque(double fx, double fy, double fz, double tx, double ty, double tz, char ID)
@@ -921,10 +951,15 @@ EXPORT int dhdEnableForce(uchar on, char ID)
 
 EXPORT int dhdEnableGripperForce(uchar on, char ID)
 {
-    if (dhd_device(ID) == NULL)
+    struct device *device = dhd_device(ID);
+
+    if (device == NULL)
         return -1;
     if (on && !has(ID, HAS_ACTIVE_GRIPPER))
         return dhd_fail(DHD_ERROR_NOT_AVAILABLE, "the device has no active gripper");
+    pthread_mutex_lock(&device->mutex);
+    device->grip_off = on == 0; /* from the next command on */
+    pthread_mutex_unlock(&device->mutex);
     return 0;
 }
 

@@ -183,6 +183,7 @@ EXPORT HHD hdInitDevice(HDstring name)
             __atomic_store_n(&device->link, link, __ATOMIC_RELEASE);
             pthread_mutex_unlock(&mutex);
             __atomic_store_n(&current, handle, __ATOMIC_RELAXED);
+            link_greet(link);
             return handle;
         }
         pthread_mutex_unlock(&mutex);
@@ -293,16 +294,22 @@ static void send(struct device *device)
     to_file(device->force, 1.0, force);
     to_file(device->torque, 1.0 / MM, torque);
     const double size = hypot(hypot(force[0], force[1]), force[2]);
-    double most = INFINITY;
-    if (size > facts->force_max && !device->enabled[HD_MAX_FORCE_CLAMPING - HD_FORCE_OUTPUT] &&
+    const double turn = hypot(hypot(torque[0], torque[1]), torque[2]);
+    double most = INFINITY, most_turn = INFINITY;
+    if ((size > facts->force_max || (turn > facts->torque_max && facts->torque_max > 0.0)) &&
+        !device->enabled[HD_MAX_FORCE_CLAMPING - HD_FORCE_OUTPUT] &&
         device->enabled[HD_SOFTWARE_FORCE_LIMIT - HD_FORCE_OUTPUT]) {
         switch_off(device, HD_EXCEEDED_MAX_FORCE, 0);
         return;
     }
-    if (device->enabled[HD_FORCE_RAMPING - HD_FORCE_OUTPUT])
+    if (device->enabled[HD_FORCE_RAMPING - HD_FORCE_OUTPUT]) {
         most = device->ramping_rate * 1e-9 * (double)(link_now() - device->enabled_at);
+        most_turn = most * facts->torque_max / facts->force_max;
+    }
     for (int i = 0; i < 3 && size > most; i++)
         force[i] *= most / size;
+    for (int i = 0; i < 3 && turn > most_turn; i++)
+        torque[i] *= most_turn / turn;
     const enum link_result result = link_command(device->link, force, torque, 0.0);
     if (result == LINK_IN_USE)
         hd_push(HD_FORCE_ERROR, 0, (HHD)(device - devices));
@@ -555,6 +562,9 @@ static void set(HDenum parameter, const double *v)
     case HD_CURRENT_TORQUE:
         if (!framed)
             error = HD_FRAME_ERROR;
+        else if (parameter == HD_CURRENT_TORQUE && device->link->facts->torque_max == 0.0 &&
+                 (v[0] != 0.0 || v[1] != 0.0 || v[2] != 0.0))
+            error = HD_INVALID_OPERATION; /* the device renders no torque; many programs always set one of zero */
         else
             memcpy(parameter == HD_CURRENT_FORCE ? device->force : device->torque, v, 3 * sizeof *v);
         break;

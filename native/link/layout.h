@@ -13,7 +13,7 @@
 #include <stdint.h>
 
 #define LAYOUT_MAGIC 0x6c6e62726f747061LL /* "aptorbnl" */
-#define LAYOUT_VERSION 1
+#define LAYOUT_VERSION 2
 #define LAYOUT_PAGE 4096
 #define LAYOUT_SIZE (3 * LAYOUT_PAGE)
 #define JOINTS_MAX 8
@@ -71,7 +71,7 @@ struct state {
     double torque[3];
     double grip_angle;
     double grip_velocity; /* [rad/s] */
-    double grip_force;
+    double grip_force;    /* of each of thumb and finger, positive to open */
     double joint_angles[JOINTS_MAX];
     char trip_text[160];
 };
@@ -99,6 +99,7 @@ struct command {
     double torque[3];
     double grip_force;
     char program[64];
+    int64_t opened; /* when a program opened the device first; 0: none has */
 };
 
 #endif

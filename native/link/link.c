@@ -371,6 +371,14 @@ static void release(struct link *link)
     __atomic_compare_exchange_n(&link->command->claim, &own, 0, false, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE);
 }
 
+void link_greet(struct link *link)
+{
+    int64_t never = 0;
+
+    __atomic_compare_exchange_n(&link->command->opened, &never, link_now(), false, __ATOMIC_ACQ_REL,
+                                __ATOMIC_ACQUIRE);
+}
+
 void link_close(struct link *link)
 {
     if (link == NULL)

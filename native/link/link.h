@@ -45,6 +45,9 @@ int link_count(char *why);
 enum link_result link_open(int index, enum library library, struct link **found, char *why);
 void link_close(struct link *link);
 
+/* Tell the servo that a program uses the device: a hand that waits for one begins. */
+void link_greet(struct link *link);
+
 /* A consistent copy of the newest state. */
 enum link_result link_read(struct link *link, struct state *state);
 

@@ -17,7 +17,7 @@ def test_name_and_values_are_those_of_the_world() -> None:
     assert name_of(world) == "dome"
     assert values_of(world)["moment"] == 1.0
     note = json.loads(description(world))
-    assert (note["name"], note["remote"]) == ("dome", {"limit": 3.0})
+    assert (note["name"], note["remote"]["limit"]) == ("dome", 3.0)
     assert any(field["name"].endswith("session") for field in note["memory"])
     assert "remote" not in json.loads(description(Dome()))
 

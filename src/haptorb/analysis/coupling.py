@@ -80,7 +80,7 @@ def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> Hel
 @hold_mover.register(Arm)
 def hold_arm(device: Arm, hand: HandGrip) -> HeldMover:
     """`hand` on an arm's end effector; with an actuated orientation, at the lever arm of the fingers."""
-    square = device.hand.turn_damping / device.hand.damping if device.is_turned and device.hand.damping > 0.0 else 0.0
+    square = device.turning_arm**2
     held = hand.with_mass(device.effector.mass)
     turn = device.effector.mass * square / device.effector.inertia if square else 0.0
     return HeldMover(held, turn=turn, strongest=device.limits.force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic, sleep
@@ -316,6 +317,7 @@ class _ClampedHand:
     stamp: float = 0.0
     held: bool = False
     still: bool = False
+    grip: float = math.nan
 
 
 def make_driver(

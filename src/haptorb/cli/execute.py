@@ -56,11 +56,17 @@ def run_program(
     scale: Annotated[
         float | None, typer.Option(help="Metres for the program of one metre of the tool (default: 1; 10 on a motor).")
     ] = None,
+    render: Annotated[
+        str | None, typer.Option(help="Part of the program's wrench to render: force, torque or both, as of `run`.")
+    ] = None,
     driver: Annotated[str, typer.Option(help="Driver: sim, serial:PORT or i2c:BUS.")] = "sim",
     tracker: Annotated[str | None, typer.Option(help="Source of the tool pose, as of `haptorb run`.")] = None,
     hand: Annotated[
         Path | None,
-        typer.Option(help="Motion of the simulated hand, with buttons: a CSV file, a script or a recording (MCAP)."),
+        typer.Option(
+            help="Motion of the simulated hand, from when the program opens the device: a CSV file, a script or a "
+            "recording (MCAP)."
+        ),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Loop rate [Hz].")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of a simulated device.")] = None,
@@ -82,8 +88,10 @@ def run_program(
     options = ["run", device, "--serve", "native" if scale is None else f"native:{scale!r}", "--driver", driver]
     for name, value in (
         ("--world", world),
+        ("--render", render),
         ("--tracker", tracker),
         ("--hand", hand),
+        ("--hand-start", None if hand is None else "program"),
         ("--rate", rate),
         ("--seed", seed),
     ):

@@ -192,6 +192,13 @@ def run(
         Path | None,
         typer.Option(help="Motion of the simulated hand, with buttons: a CSV file, a script or a recording (MCAP)."),
     ] = None,
+    hand_start: Annotated[
+        str,
+        typer.Option(
+            help="When that motion begins: run (with the loop), or program (when a program of --serve native opens the "
+            "device)."
+        ),
+    ] = "run",
     rate: Annotated[float, typer.Option(help="Loop rate [Hz], 50 to 4000.")] = 1000.0,
     seed: Annotated[int, typer.Option(help="Seed of a simulated device: it chooses its deviations and its noise.")] = 0,
     record: Annotated[Path | None, typer.Option(help="Record to this MCAP file.")] = None,
@@ -233,6 +240,7 @@ def run(
         from haptorb.serve.base import (
             Serving,
             add_client_force,
+            check_hand_start,
             check_servers,
             hold_tool,
             is_client_force_alone,
@@ -255,6 +263,7 @@ def run(
             frame=frame, rate=rate, seed=seed, model=model, estimator=estimator, calibration=calibration,
             watchdog=not no_watchdog, render=render, torque_arm=None if torque_arm is None else 1e-3 * torque_arm,
             grip=grip, latency=None if latency is None else 1e-3 * latency, hand=hand,
+            hand_start=check_hand_start(hand_start, hand, choices),
         )  # fmt: skip
         if headless:
             config = hold_tool(config, choices)

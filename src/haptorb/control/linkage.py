@@ -31,7 +31,8 @@ from haptorb.arrays import (
     state_zeros,
 )
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.devices.base import Device, State, device_function
+from haptorb.devices.arm import Arm
+from haptorb.devices.base import Device, State, device_function, find_object_limits
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError, UnknownName, quote
 
@@ -226,11 +227,13 @@ class Linkage(Stateful, ABC):
 
 @final
 class Direct(Linkage):
-    """The world acts on the mover itself."""
+    """The world acts on the mover itself; `arm`: at which a hand holds one whose torque is rendered always [m]."""
 
     modes = ()
     passive = True
-    arm = 0.0
+
+    def __init__(self, arm: float = 0.0) -> None:
+        self.arm = arm
 
     def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
         """Wrench of the world at the mover."""
@@ -265,6 +268,15 @@ def make_linkage(device: Device, gains: Gains | None = None) -> Linkage:
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()
+
+
+@make_linkage.register(Arm)
+def _(device: Arm, gains: Gains | None = None) -> Linkage:
+    """An end effector acts directly; one with an actuated orientation is held at the arm at which the hand's damping
+    against turning is that against moving."""
+    if gains is not None:
+        return make_linkage.dispatch(object)(device, gains)  # refuses
+    return Direct(device.turning_arm)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -594,3 +606,10 @@ def _explain_loss(R: Array) -> InputError:
 def _(device: SphericalMotor, gains: Gains | None = None) -> ModedLinkage:
     """Linkage of a motor, whose handle moves an object through two modes; MOTOR_GAINS by default."""
     return ModedLinkage(gains or MOTOR_GAINS, arm=device.rotor.handle_length)
+
+
+@find_object_limits.register
+def _(device: SphericalMotor) -> tuple[float, float]:
+    """Those on the object, in mode translate and in mode rotate, that come back as no more than the rotor's torque."""
+    moving, turning = MOTOR_GAINS.torques
+    return device.limits.torque / max(moving), device.limits.torque / max(turning)

@@ -12,11 +12,12 @@ from haptorb.arrays import Array
 from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, check_distance
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.geometry import Edge, Geometry, Rod, list_assumed
+from haptorb.devices.gripper import Gripper, find_gripper
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.display import format_quantity
 from haptorb.errors import InputError
 
-__all__ = ["ARM", "Arm", "ArmEncoder", "ArmGripper", "ArmStops", "ArmWorkspace", "EndEffector", "arm_geometry"]
+__all__ = ["ARM", "Arm", "ArmEncoder", "ArmStops", "ArmWorkspace", "EndEffector", "arm_geometry"]
 
 ARM = DeviceKind(
     name="arm",
@@ -87,15 +88,6 @@ class ArmStops:
     damping: float  #: [N·s/m]
 
 
-@final
-@dataclass(frozen=True)
-class ArmGripper:
-    """A gripper that programs read and command; no world acts on it."""
-
-    opening: float  #: [m]
-    force: float  #: greatest between thumb and finger [N]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Arm(Device):
     """Haptic arm with motors, described at its end effector.
@@ -118,8 +110,8 @@ class Arm(Device):
         Torque of a channel [N·m/A]; 0: the orientation is not actuated.
     stiffness_limit : float
         Largest stiffness that the maker or a library specifies [N/m].
-    gripper : ArmGripper or None
-        Gripper.
+    gripper : Gripper or None
+        Gripper, which programs read and command.
     hand : Hand
         Simulated hand that holds the end effector.
     thermometer_step : float
@@ -143,7 +135,7 @@ class Arm(Device):
     force_per_ampere: float
     torque_per_ampere: float
     stiffness_limit: float
-    gripper: ArmGripper | None
+    gripper: Gripper | None
     hand: Hand
     thermometer_step: float
     thermometer_noise: float
@@ -159,6 +151,12 @@ class Arm(Device):
     def is_turned(self) -> bool:
         """Whether torque is rendered."""
         return self.effector.orientation == "actuated"
+
+    @property
+    def turning_arm(self) -> float:
+        """Arm at which the hand's damping against turning is that against moving [m]; 0: no torque is rendered."""
+        hand = self.hand
+        return (hand.turn_damping / hand.damping) ** 0.5 if self.is_turned and hand.damping > 0.0 else 0.0
 
     @property
     def matrix(self) -> Array:
@@ -223,6 +221,11 @@ class Arm(Device):
             *tail,
             *(("remark", remark) for remark in self.remarks),
         ]  # fmt: skip
+
+
+@find_gripper.register
+def _(device: Arm) -> Gripper | None:
+    return device.gripper
 
 
 _ROUND = 36  #: sides of a drawn circle

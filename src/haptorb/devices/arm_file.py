@@ -9,10 +9,11 @@ from pydantic import Field, model_validator
 
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
-from haptorb.devices.arm import Arm, ArmEncoder, ArmGripper, ArmStops, ArmWorkspace, EndEffector
+from haptorb.devices.arm import Arm, ArmEncoder, ArmStops, ArmWorkspace, EndEffector
 from haptorb.devices.build_checks import refuse_unbuildable
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.electromagnet_file import HandSection
+from haptorb.devices.gripper import Gripper
 from haptorb.devices.schema import (
     BasedOn,
     CommonFile,
@@ -102,6 +103,22 @@ class GripperSection(Section):
 
     opening: Annotated[q.Length, Positive, m.Meaning("greatest opening of the gripper")]
     force: Annotated[q.Force, Positive, m.Meaning("greatest force between thumb and finger")]
+    length: Annotated[q.Length, Positive, m.Meaning("from the gripper's axis to thumb and finger")] = 0.1
+    mass: Annotated[q.Mass, Positive, m.Meaning("apparent mass of the opening, without the hand")] = 0.02
+    coulomb: Annotated[q.Force, Field(ge=0), m.Meaning("dry friction of the opening")] = 0.05
+    viscous: Annotated[q.Damping, Field(ge=0), m.Meaning("viscous friction of the opening")] = 0.2
+    step: Annotated[q.Length, Field(ge=0), m.Meaning("resolution of the sensed opening")] = 1e-5
+    finger_mass: Annotated[q.Mass, Positive, m.Meaning("mass of the simulated thumb and finger")] = 0.02
+    finger_stiffness: Annotated[
+        q.Stiffness, Positive, m.Meaning("stiffness with which thumb and finger are held at their goal")
+    ] = 300.0
+    finger_damping: Annotated[q.Damping, Field(ge=0), m.Meaning("damping of thumb and finger")] = 2.0
+
+    @model_validator(mode="after")
+    def _check(self) -> GripperSection:
+        if self.opening > 2.0 * self.length:
+            raise ValueError("opening must be at most twice the length, from the axis to thumb and finger")
+        return self
 
 
 class ArmFile(CommonFile):
@@ -146,7 +163,7 @@ class ArmFile(CommonFile):
             force_per_ampere=self.motors.force_per_ampere,
             torque_per_ampere=self.motors.torque_per_ampere or 0.0,
             stiffness_limit=self.motors.stiffness_limit,
-            gripper=None if self.gripper is None else ArmGripper(**self.gripper.model_dump()),
+            gripper=None if self.gripper is None else Gripper(**self.gripper.model_dump()),
             hand=Hand(**self.hand.model_dump()),
             thermometer_step=self.thermometer.step,
             thermometer_noise=self.thermometer.noise,

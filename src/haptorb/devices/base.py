@@ -6,6 +6,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import singledispatch
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, TypeVar
 
@@ -477,6 +478,14 @@ def device_function(function: F) -> F:
 
 
 Implementation: TypeAlias = tuple[Any, type, Callable[..., Any]]  #: function, class of device, what it does for that
+
+
+@device_function
+@singledispatch
+def find_object_limits(device: Device) -> tuple[float, float]:
+    """Force [N] and torque [N·m] on what a world acts on that `device` gives at most, in every direction: for most
+    devices, whose object is the mover, the guard's limits."""
+    return device.limits.force, device.limits.torque
 
 
 def own_implementations(device: Device) -> tuple[Implementation, ...]:

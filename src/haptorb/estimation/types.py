@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -80,6 +81,10 @@ class Sample:
         after the tick began.
     field_age : float
         Age of the field at t [s], in the same sense.
+    gripper : float
+        Opening of the device's gripper [m]; NaN: it has none.
+    gripper_velocity : float
+        Rate of the opening [m/s].
     """
 
     t: float
@@ -89,6 +94,8 @@ class Sample:
     pose: Pose
     currents_age: float = 0.0
     field_age: float = 0.0
+    gripper: float = math.nan
+    gripper_velocity: float = math.nan
 
 
 @record

@@ -183,7 +183,11 @@ class RowLayout:
                 "a step of its world that was computed in the background was taken over",
             ),
             Field("buttons", 1, "1", "pressed buttons of the tool, a sum: 1 a, 2 b, 4 c"),
-            Field("grip", 1, "m", "opening of the gripper that a scripted hand sets; NaN: none"),
+            Field("grip", 1, "m", "goal of a scripted hand's thumb and finger: their opening; NaN: none"),
+            Field("hand_t", 1, "s", "time in a scripted hand's motion, from its start; NaN: none, or not begun"),
+            Field("gripper", 1, "m", "measured opening of the device's gripper; NaN: it has none"),
+            Field("gripper_v", 1, "m/s", "measured rate of that opening"),
+            Field("gripper_force", 1, "N", "force of the gripper between thumb and finger, positive to open"),
             # the last: a shorter row is filled as far as it reaches
             Field("memory", self.memory, "SI", "memory of the world; the metadata of the world have names and units"),
         )

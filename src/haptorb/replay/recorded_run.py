@@ -25,7 +25,7 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
 from haptorb.runtime.world_change import description
-from haptorb.worlds.base import World, check_part
+from haptorb.worlds.base import World, check_part, parameters
 from haptorb.worlds.dynamic import (
     CLIENT_FORCE,
     BoundWorld,
@@ -349,8 +349,7 @@ def _find_remote(note: Mapping[str, Any]) -> Remote | None:
     values = note.get("values") if note.get("name") == "remote" else note.get("remote")
     if not isinstance(values, Mapping):
         return None
-    limit = values.get("limit")
-    return Remote() if limit is None else Remote(limit=limit)
+    return Remote(**{name: values[name] for name in parameters(Remote) if name in values})
 
 
 def _parse(description: str) -> dict[str, Any]:
@@ -463,6 +462,10 @@ def _dynamic_kind(known_as: str) -> Any:
                 commanded += self.remote.advance(self._remote_memory(memory), state, dt)
             return wrench
 
+        def gripper_force(self, memory: Records) -> float:
+            """As recorded [N]."""
+            return 0.0 if self.remote is None else self.remote.gripper_force(self._remote_memory(memory))
+
         def _remote_memory(self, memory: Records) -> Records:
             """(1,) the part of `memory` that the clients' force had."""
             assert self.remote is not None
@@ -514,21 +517,14 @@ class PlayedDriver(Driver):
         with np.errstate(invalid="ignore"):  # in a damaged file
             waited = t - block["t"][:, 0]  # 0, but where the replay has another rate
         ages = rows("current_age")[:, 0] + waited, rows("field_age")[:, 0] + waited
+        none = np.full((n, 1), np.nan)  # a recording from before the rows had grippers
+        grips = (np.asarray(block.get(name, none))[:, 0].tolist() for name in ("gripper", "gripper_v"))
         poses = map(
             Pose, block["pose_t"][:, 0].tolist(), R, rows("pose_p"), rows("pose_w"), rows("pose_v"),
             (block["pose_valid"][:, 0] == 1.0).tolist(),
         )  # fmt: skip
-        self._samples = list(
-            map(
-                Sample,
-                t.tolist(),
-                rows("current_measured"),
-                rows("boundary"),
-                field,
-                poses,
-                *(age.tolist() for age in ages),
-            )
-        )
+        others = (*(age.tolist() for age in ages), *grips)
+        self._samples = list(map(Sample, t.tolist(), rows("current_measured"), rows("boundary"), field, poses, *others))
         self._duties = list(rows("duty_applied"))
         self._truths = list(rows("wrench_actual"))
         self._targets = list(np.concatenate((rows("hand_goal"), rows("hand_goal_q")), axis=1))
@@ -560,6 +556,10 @@ class PlayedDriver(Driver):
         if self._failures[self._at] & _WRITE:
             raise DriverError(_PLAYED_DRIVER_FAILED)
         return self._duties[self._at]
+
+    def squeeze(self, force: float) -> float:
+        """`force` [N] itself: what the recorded driver commanded is that of the chain."""
+        return force
 
     def engage(self) -> None:
         """Raises DriverError where the recorded driver did."""

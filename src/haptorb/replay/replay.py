@@ -64,7 +64,7 @@ __all__ = [
 
 
 #: what the computer's clock and the tool's buttons said of the run, and no part of the chain
-CLOCK_FIELDS = frozenset({"tick", "wall", "lateness", "missed", "stages", "ahead", "buttons", "grip"})
+CLOCK_FIELDS = frozenset({"tick", "wall", "lateness", "missed", "stages", "ahead", "buttons", "grip", "hand_t"})
 
 
 @record

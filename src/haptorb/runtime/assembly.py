@@ -29,6 +29,7 @@ def assemble(config: RunConfig, tracker: Tracker) -> Tick:
     check_driver(config.driver)
     if isinstance(tracker, PointerTracker):
         tracker.guide = config.hand or guide_hand(device)
+        tracker.waits = config.hand is not None and config.hand_start == "program"
     # The number of axes of a board's sensors is checked when the driver opens it.
     axes = list_estimators(device)[check_estimator(device, config.estimator)].axes
     driver = (

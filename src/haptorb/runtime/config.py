@@ -20,7 +20,7 @@ from haptorb.control.registry import make_choice
 from haptorb.devices.base import Device, State
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import find_device
-from haptorb.errors import InputError
+from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
 from haptorb.estimation.registry import check_estimator, read_learned
 from haptorb.estimation.tracker_frame import TrackerFrame
@@ -45,8 +45,9 @@ from haptorb.worlds.user_world import (
     parse_world_file,
 )
 
-__all__ = ["RunConfig", "check_seed", "choose_world", "find_number", "read_object"]
+__all__ = ["HAND_STARTS", "RunConfig", "check_seed", "choose_world", "find_number", "read_object"]
 
+HAND_STARTS = ("run", "program")  #: when the motion of a scripted hand begins
 _MAX_WORLD_NOTE_CHARACTERS = 1_000_000
 
 
@@ -97,7 +98,9 @@ class RunConfig:
     world_file : WorldFile or SceneFile, optional
         File of the world, which is loaded again when it is saved.
     hand : ScriptedMotion, optional
-        Motion of the simulated hand from the start of the loop; None: the guided motion of the kind of device.
+        Motion of the simulated hand; None: the guided motion of the kind of device.
+    hand_start : str
+        When that motion begins: "run": with the loop; "program": when a program of `--serve native` opens the device.
     """
 
     device: Device
@@ -119,6 +122,7 @@ class RunConfig:
     coupling: CouplingSetting | None = None
     world_file: WorldFile | SceneFile | None = None
     hand: ScriptedMotion | None = None
+    hand_start: str = "run"
 
     @classmethod
     def of(
@@ -142,6 +146,7 @@ class RunConfig:
         grip: str = "light",
         latency: float | None = None,
         hand: str | Path | ScriptedMotion | None = None,
+        hand_start: str = "run",
     ) -> Self:
         """Make the description of a run from names and files, and check it.
 
@@ -180,6 +185,8 @@ class RunConfig:
             Latency of the tracker for the same choice [s].
         hand : str, Path or ScriptedMotion, optional
             Motion of the simulated hand, or its file: CSV, script or recording.
+        hand_start : str
+            As the field.
 
         Returns
         -------
@@ -199,6 +206,8 @@ class RunConfig:
         """
         known = find_device(device)
         driver = check_driver(driver)
+        if hand_start not in HAND_STARTS:
+            raise UnknownName("start of the hand's motion", hand_start, HAND_STARTS)
         tracker = check_tracker(tracker, driver)
         rate = check_rate(rate)
         seed = check_seed(seed)
@@ -223,7 +232,7 @@ class RunConfig:
             device=known, world=first, driver=driver, tracker=tracker, prediction=prediction, frame=transform,
             rate=rate, seed=seed, model=model, estimator=estimator, gains=gains, calibration=measured,
             watchdog=watchdog, render=part, torque_arm=torque_arm, coupling=coupling, world_file=file,
-            hand=choose_hand(hand, known, driver, tracker),
+            hand=choose_hand(hand, known, driver, tracker), hand_start=hand_start,
         )  # fmt: skip
 
     @classmethod
@@ -303,6 +312,7 @@ class RunConfig:
             "render": self.render or "",
             "calibration": "" if self.calibration is None else self.calibration.text(),
             "hand": "" if self.hand is None else f"{self.hand.name} {self.hand.digest}".strip(),
+            "hand_start": "" if self.hand is None else self.hand_start,
             "seed": str(self.seed),
             "rate_hz": repr(self.rate),
             "first_world": description(self.world),

@@ -55,7 +55,7 @@ def publish_row(
     """
     at, most = places[0], counts[0]
     row[at.tick], row[at.wall], row[at.lateness], row[at.missed] = tick, now * 1e-9, lateness * 1e-9, skipped
-    row[at.buttons], row[at.grip] = most.buttons | most.hand_buttons, most.grip
+    row[at.buttons], row[at.grip], row[at.hand_t] = most.buttons | most.hand_buttons, most.grip, most.hand_t
     for i in range(row.shape[0]):
         slot[i] = row[i]
     given = at.wrench_actual

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -65,13 +66,20 @@ def _rotation(q: Array) -> Array:
 _RELEASE = 1.5  #: time in which a released hand returns to rest [s]
 
 
+def _since(now: float, start: float) -> float:
+    """[s] from `start` to `now`, the same bits wherever on the loop's clock a motion begins."""
+    return round(now - start, 9) if start else now
+
+
 @final
 class PointerTracker(Tracker):
     """Follows the host's pointer while it is held; plays the guided motion until it is held for the first time.
 
     After a release the hand returns to the rest pose of the guided motion on a minimum-jerk path.
     `origin` is the computer's monotonic time [s] at zero of the loop's clock; `guide` is the guided motion;
-    `signals` receives the buttons and the gripper of a scripted one.
+    `signals` receives the buttons, the gripper and the time of a scripted one. With `waits`, a scripted one stays at
+    its first pose until `signals` says that a program has come; it begins with the tick that sees it, and every run has
+    the same goals then, bit for bit.
     """
 
     def __init__(
@@ -86,7 +94,8 @@ class PointerTracker(Tracker):
         self.origin = origin
         self._guide = guide or DomeMotion()
         self._last: tuple[Array, Array] | None = None  # last pose of a held pointer
-        self._released = 0.0
+        self._released = 0.0  # when the guided motion begins, or the pointer was released [s]
+        self.waits = False
         self._rest = self._guide.at(self._guide.duration)
         self._pose = PointerPose()
 
@@ -102,12 +111,23 @@ class PointerTracker(Tracker):
 
     def goal(self, now: float) -> Goal:
         """Goal of a simulated hand at `now` [s] on the loop's clock; it does not age within its keep-alive."""
+        if self.waits and self._last is None:
+            self.waits = self._signals is not None and not self._signals.begun
+            self._released = now
         goal, patience = self._find(now)
-        if self._signals is not None and isinstance(self._guide, ScriptedMotion):
-            self._signals.write(*((0, np.nan) if self._last is not None else self._guide.signals_at(now)))
+        if isinstance(self._guide, ScriptedMotion):
+            bits, grip, t = 0, np.nan, np.nan
+            if self._last is None:
+                t = _since(now, self._released)
+                bits, grip = self._guide.signals_at(t)
+                if self.waits:
+                    bits, t = 0, np.nan
+            if self._signals is not None:
+                self._signals.write(bits, grip, t)
+            goal = replace(goal, grip=grip)
         if not patience:
             return goal
-        return Goal(goal.p, goal.q, max(goal.stamp, min(now, goal.stamp + patience)), goal.held)
+        return replace(goal, stamp=max(goal.stamp, min(now, goal.stamp + patience)))
 
     def pose(self, now: float) -> Pose:
         """Return the pointer as the pose of a real tool: valid only while held, as old as its last message."""
@@ -120,11 +140,11 @@ class PointerTracker(Tracker):
             if pointed.held:
                 self._last, self._released = (pointed.p, pointed.q), now
                 return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
-        guide, since, still = self._guide, now - self._released, False
+        guide, since, still = self._guide, _since(now, self._released), False
         if since >= (guide.duration if self._last is None else _RELEASE):
             (p, q), still = self._rest, guide.relaxes
         elif self._last is None:
-            p, q = guide.at(now)
+            p, q = guide.at(since)
         else:
             s = min(since / _RELEASE, 1.0)
             p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))

@@ -14,6 +14,7 @@ import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from enum import IntEnum
+from math import nan
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias, final
 
@@ -320,10 +321,13 @@ class PoseBlock:
 # its force expires like that of a silent client.
 
 
-FORCE_BLOCK_WORDS = 8  #: sequence, force (3), session, stamp, loss, mapping
+FORCE_BLOCK_WORDS = 12  #: sequence, force (3), session, stamp, loss, mapping, torque (3), gripper
 BLOCKS = 8  #: servers that may command at once
 
-_PLACES = [CLIENT_FORCE.fields[name][1] // 8 for name in ("force", "session", "age", "lost", "mapping")]  # type: ignore[index]
+_PLACES = [
+    CLIENT_FORCE.fields[name][1] // 8  # type: ignore[index]
+    for name in ("force", "session", "age", "lost", "mapping", "torque", "gripper")
+]
 _OVER = HOLD + FADE
 
 
@@ -337,20 +341,28 @@ class _Command(NamedTuple):
     stamp: float  #: on the monotonic clock [s]
     loss: float  #: when the client's connection was lost, on the same clock [s]; 0: it was not
     mapping: float  #: number of the client's mapping into the stator's frame
+    torque_x: float  #: in the stator's frame [N·m]
+    torque_y: float
+    torque_z: float
+    gripper: float  #: between thumb and finger, positive to open [N]
 
 
 @final
 class ForceBlock:
-    """Eight words at `at`, as integers and as floats; for the single server that writes them."""
+    """Twelve words at `at`, as integers and as floats; for the single server that writes them."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
         self._words, self._floats, self._at = words, floats, at
 
-    def command(self, force: Sequence[float], session: int, stamp: float, mapping: int = 0) -> None:
-        """Write the `force` (3,) [N], stator frame, that the client of `session` commanded at `stamp` [s] of the
-        monotonic clock. A new number `mapping`: the client's frame has changed."""
-        x, y, z = force
-        self._write(_Command(x, y, z, float(session), stamp, loss=0.0, mapping=float(mapping)))
+    def command(
+        self, force: Sequence[float], session: int, stamp: float, mapping: int = 0,
+        torque: Sequence[float] = (0.0, 0.0, 0.0), gripper: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Write the `force` (3,) [N] and `torque` (3,) [N·m], stator frame, and the `gripper` force [N], that the
+        client of `session` commanded at `stamp` [s] of the monotonic clock. A new number `mapping`: the client's frame
+        has changed."""
+        (x, y, z), (a, b, c) = force, torque
+        self._write(_Command(x, y, z, float(session), stamp, 0.0, float(mapping), a, b, c, gripper))
 
     def lose(self, stamp: float) -> None:
         """Record that the last client's connection was lost at `stamp` [s] of the monotonic clock."""
@@ -378,7 +390,7 @@ class ClientForces:
         self._words, self._floats = words, floats
         self._starts = [at + FORCE_BLOCK_WORDS * block for block in range(BLOCKS)]
         self._known = [0] * BLOCKS
-        self._commands = [_Command(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * BLOCKS
+        self._commands = [_Command(*(0.0,) * len(_Command._fields))] * BLOCKS
         self._holder = -1
 
     def fill(self, client: Records, now: float) -> None:
@@ -393,11 +405,13 @@ class ClientForces:
             return
         if self._holder < 0 or self._is_over(self._holder, now):  # safety: one-client-holds
             self._holder = newest
-        force_x, force_y, force_z, session, stamp, loss, mapping = self._commands[self._holder]
+        command = self._commands[self._holder]
+        force_x, force_y, force_z, session, stamp, loss, mapping, torque_x, torque_y, torque_z, gripper = command
         cells = client.data.cast("B").cast("d")  # scalar access through it is faster than through an array
-        first, at_session, age, lost, at_mapping = _PLACES
+        first, at_session, age, lost, at_mapping, at_torque, at_gripper = _PLACES
         cells[first], cells[first + 1], cells[first + 2], cells[at_session] = force_x, force_y, force_z, session
-        cells[at_mapping] = mapping
+        cells[at_torque], cells[at_torque + 1], cells[at_torque + 2] = torque_x, torque_y, torque_z
+        cells[at_mapping], cells[at_gripper] = mapping, gripper
         cells[age] = max(now - stamp, 0.0)
         cells[lost] = max(now - loss, 0.0) if loss > 0.0 else 0.0
 
@@ -470,20 +484,32 @@ class PointerBlock(PointerSource):
 
 
 # --------------------------------------------------------------------------------------------------
-# Buttons and gripper of a scripted hand: the loop writes them, servers and the row read them.
+# Signals of a scripted hand: the loop writes buttons, gripper and time; servers and the row read them.
 
 
 @final
 class HandSignals:
-    """Two words at `at`: the pressed buttons of a scripted hand, and its gripper's opening."""
+    """Words at `at`: the pressed buttons of a scripted hand, the opening of its thumb and finger, and the time in its
+    motion; the word at `begin` says when it may begin."""
 
-    def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
-        self._words, self._floats, self._at = words, floats, at
+    def __init__(self, words: memoryview, floats: memoryview[float], at: int, begin: int) -> None:
+        self._words, self._floats, self._at, self._begin = words, floats, at, begin
 
-    def write(self, buttons: int, grip: float) -> None:
-        """Write the buttons, a sum of 1, 2 and 4, and `grip` [m], NaN without a gripper; for the single writer."""
+    def write(self, buttons: int, grip: float, t: float = nan) -> None:
+        """Write the buttons, a sum of 1, 2 and 4, `grip` [m], NaN without a gripper, and the time `t` in the motion
+        [s], NaN before its start; for the single writer."""
         self._words[self._at] = buttons
         self._floats[self._at + 1] = grip
+        self._floats[self._at + 2] = t
+
+    def begin(self) -> None:
+        """Let a motion begin that waits for a program; for the single server that serves such programs."""
+        self._words[self._begin] = 1
+
+    @property
+    def begun(self) -> bool:
+        """Whether a program has come for which a motion waits."""
+        return bool(self._words[self._begin])
 
     @property
     def buttons(self) -> int:
@@ -601,7 +627,7 @@ def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateA
 
 
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
-_VERSION = 10
+_VERSION = 11
 _PAGE = 4096
 _HAS_FLAGS = hasattr(mmap, "MAP_SHARED")
 _END_NUMBERS = frozenset(map(int, END_SIGNALS))
@@ -649,9 +675,10 @@ class Word(IntEnum):
     RECORDING_PAUSED = 37  #: 1: rows are not recorded until it is 0 again
     # servo → servers, row
     HAND_BUTTONS = 38  #: bits of the buttons a, b, c that a scripted hand presses
-    HAND_GRIP = 39  #: float: opening of a scripted hand's gripper [m]; NaN: none
+    HAND_GRIP = 39  #: float: opening of a scripted hand's thumb and finger [m]; NaN: none
+    HAND_TIME = 40  #: float: time in a scripted hand's motion [s]; NaN: none, or not begun
     # servo → host
-    PID = 40
+    PID = 54
     PHASE = 41
     ORIGIN = 42  #: monotonic time at zero of the loop's clock [ns]
     ROWS = 43  #: published
@@ -670,14 +697,16 @@ class Word(IntEnum):
     WRITTEN = 57  #: rows in the file, which are safe even if the recorder fails
     LOST = 58  #: rows overwritten before they could be recorded
     TAKEN = 59  #: rows that it has read, and those that it lost
+    # the server of other makers' libraries → servo
+    HAND_BEGIN = 62  #: 1: a program has opened the device
     # a tracker's process → servo, host
     TRACKER = 60  #: a Phase
     # recorder → host
     RECORDER_LOOKS = 61  #: count of the recorder's polls
     TRACKED = 64  #: and the next fifteen
     # each server's process → servo, host
-    FORCES = 128  #: eight for each of eight servers
-    SERVERS = 192  #: a Phase for each of eight servers
+    FORCES = 128  #: twelve for each of eight servers
+    SERVERS = 224  #: a Phase for each of eight servers
 
 
 _SHARED_MEMORY_LAYOUT = [Word.CHANNELS, Word.SENSORS, Word.CONTACTS, Word.MEMORY]  #: arguments of RowLayout
@@ -697,10 +726,11 @@ COUNTS = np.dtype(
             "buttons",
             "hand_buttons",
             "grip",
+            "hand_t",
             "lateness",
             "compute",
         ],
-        "formats": ["i8", "i8", "i8", "f8", "f8", "i8", "i8", "f8", ("i8", (BINS,)), ("i8", (BINS,))],
+        "formats": ["i8", "i8", "i8", "f8", "f8", "i8", "i8", "f8", "f8", ("i8", (BINS,)), ("i8", (BINS,))],
         "offsets": [
             *(
                 8 * word
@@ -713,6 +743,7 @@ COUNTS = np.dtype(
                     Word.BUTTONS,
                     Word.HAND_BUTTONS,
                     Word.HAND_GRIP,
+                    Word.HAND_TIME,
                 )
             ),
             _LATENESS,
@@ -775,7 +806,7 @@ class SharedMemory:
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
         self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
-        self.hand = HandSignals(self.words, self.floats, Word.HAND_BUTTONS)
+        self.hand = HandSignals(self.words, self.floats, Word.HAND_BUTTONS, Word.HAND_BEGIN)
         self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)
         self.client_forces = ClientForces(self.words, self.floats, Word.FORCES)
         at = _PAGE
@@ -898,7 +929,7 @@ def _size(layout: RowLayout) -> int:
 
 
 assert Word.POINTER + POINTER_BLOCK_WORDS <= Word.SCALE
-assert Word.HAND_BUTTONS + 1 == Word.HAND_GRIP
+assert (Word.HAND_BUTTONS + 1, Word.HAND_BUTTONS + 2) == (Word.HAND_GRIP, Word.HAND_TIME)
 assert Word.TRACKED + WORDS <= Word.FORCES
 assert Word.FORCES + FORCE_BLOCK_WORDS * BLOCKS <= Word.SERVERS
 assert 8 * (Word.SERVERS + BLOCKS) <= _PAGE

@@ -19,10 +19,12 @@ from haptorb.arrays import Array, Records, StateArray, Stateful, choose, make_bl
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.compiled import load_compiler as load_compiler
 from haptorb.control.allocation import PART_NUMBERS, Allocation, Allocator, Saturation, WrenchChoice
+from haptorb.control.gripper import GripperGuard
 from haptorb.control.linkage import MODES, Direct, Linkage, Mode, RenderedWrench
 from haptorb.control.protection import Protection
 from haptorb.control.trips import Trip
 from haptorb.devices.base import Device, State, WrenchMap
+from haptorb.devices.gripper import find_gripper
 from haptorb.errors import HaptorbError
 from haptorb.estimation.types import Estimate, Estimator
 from haptorb.recording.row import STAGES, RowLayout
@@ -450,7 +452,10 @@ class WorldBudget:
 
 
 #: scalar fields that a tick fills itself; the first is the start of those of `fill_pose`
-_SINGLE = ("current_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged")
+_SINGLE = (
+    "current_age", "ahead", "world", "coil_state", "saturated", "part", "model", "mode", "engaged", "gripper",
+    "gripper_v", "gripper_force",
+)  # fmt: skip
 
 
 class Tick(Stateful):
@@ -483,6 +488,8 @@ class Tick(Stateful):
         self.joining = NotedLinkage(self.linkage, self._log)
         self.protection = Protection(device, dt, self.linkage.arm)
         self.protection.change_world(passive=self.world.passive and self.linkage.passive)
+        gripper = find_gripper(device)
+        self.gripper = None if gripper is None else GripperGuard(gripper, dt)
         self.layout = RowLayout.of(device)
         self._failure: tuple[Trip, BaseException] | None = None  # first one since the last engage
         self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
@@ -631,15 +638,22 @@ class Tick(Stateful):
         t4 = perf_counter()
         duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
         t5 = perf_counter()
+        squeezed = np.nan
         try:
             self._applied = self.driver.write(duties)
+            if self.gripper is not None:
+                wanted = 0.0 if self._bound is None else self._bound.gripper_force
+                session = self.client["session"].item()
+                squeezed = self.driver.squeeze(self.gripper.limit(wanted, protection.gain, session))
         except HaptorbError as cause:
             self._log.fail(TickFailure.WRITE)
             self._fail(Trip.DRIVER_FAILED, cause)
         t6 = perf_counter()
         times[0], times[1], times[2] = t1 - t0, t2 - t1, t3 - t2
         times[3], times[4], times[5] = t4 - t3, t5 - t4, t6 - t5
-        ages, ahead, world, coil_state, saturated, part, model, mode, engaged = self._cells
+        (
+            ages, ahead, world, coil_state, saturated, part, model, mode, engaged, gripper, gripper_v, gripper_force,
+        ) = self._cells  # fmt: skip
         places, body, pose = self._places, rendered.object, sample.pose
         fill_row(
             row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
@@ -657,6 +671,7 @@ class Tick(Stateful):
         cells[ahead], cells[world], cells[coil_state] = self._ahead, self.world_changes, self.driver.coil_state
         cells[saturated], cells[part], cells[model] = allocation.saturated, self.part.number, self._model
         cells[mode], cells[engaged] = rendered.mode, rendered.engaged
+        cells[gripper], cells[gripper_v], cells[gripper_force] = sample.gripper, sample.gripper_velocity, squeezed
         self._log.fill(cells, self._log_places)
         times[6] = perf_counter() - t6
 
@@ -705,10 +720,11 @@ class Tick(Stateful):
 
     def state_parts(self) -> Mapping[str, Stateful]:
         """All stateful parts of the chain, in the order in which they are restored."""
-        return {
+        parts = {
             "protection": self.protection, "part": self.part, "linkage": self.linkage,
             "estimator": self.estimator,
         }  # fmt: skip
+        return parts if self.gripper is None else {**parts, "gripper": self.gripper}
 
     def gather_state(self) -> None:
         """Copy the scalar state to its arrays."""
@@ -749,6 +765,8 @@ class Tick(Stateful):
         """Switch off when the device does not respond, and record that in the row."""
         try:
             self._applied = self.driver.write(self._zeros)
+            if self.gripper is not None:  # safety: gripper-off-in-silence
+                self.driver.squeeze(self.gripper.limit(0.0, 0.0, 0.0))
         except HaptorbError:
             self._log.fail(TickFailure.WRITE)
             self._applied = self._zeros

@@ -12,7 +12,7 @@ import socket
 import subprocess
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -54,6 +54,7 @@ __all__ = [
     "ServerPriority",
     "Serving",
     "add_client_force",
+    "check_hand_start",
     "check_port",
     "check_servers",
     "describe_servers",
@@ -73,7 +74,7 @@ __all__ = [
 SILENCE = 2.0  #: a client that sends no command for this long loses control of the device [s]
 LATE = 1.0  #: a request that waited unread for longer than this is discarded [s]
 _SESSIONS_PER_SERVER = 10_000  #: session numbers reserved for each server
-_MAX_COMMANDED_FORCE_N = 1e6  #: per component [N]; the limits of the world and the guard are far lower
+_MAX_COMMANDED_FORCE_N = 1e6  #: per component [N, N·m]; the limits of the world and the guard are far lower
 
 
 @final
@@ -159,8 +160,12 @@ class ServedDevice:
 
     @property
     def grip(self) -> float:
-        """Gripper opening of a scripted hand [m]; NaN without one."""
+        """Opening to which thumb and finger of a scripted hand move [m]; NaN without one."""
         return self._shared.hand.grip
+
+    def begin_hand(self) -> None:
+        """Let a scripted hand begin that waits for a program; again it has no effect."""
+        self._shared.hand.begin()
 
     def open_session(self) -> int:
         """Return a session number for a new client, unique within the run."""
@@ -174,8 +179,12 @@ class ServedDevice:
             self._holder = 0
         return self._holder
 
-    def command(self, session: int, force: Sequence[float], *, arrival: float | None = None, mapping: int = 0) -> bool:
-        """Command `force` (3,) [N], stator frame, for the client `session`; returns whether it was accepted.
+    def command(
+        self, session: int, force: Sequence[float], *, arrival: float | None = None, mapping: int = 0,
+        torque: Sequence[float] = (0.0, 0.0, 0.0), gripper: float = 0.0,
+    ) -> bool:  # fmt: skip
+        """Command `force` (3,) [N] and `torque` (3,) [N·m], stator frame, and the force of the `gripper` [N], positive
+        to open, for the client `session`; returns whether it was accepted.
 
         `arrival` is the arrival time of the message on the monotonic clock [s]; None: now. The command is refused if
         another client controls the device, if the numbers are not finite, or if the message waited for longer than a
@@ -183,13 +192,14 @@ class ServedDevice:
 
         A zero force does not acquire control: many programs that only observe send zeros to get the state in reply.
         """
-        if self.holder != session and not any(force):
+        numbers = (*force, *torque, gripper)
+        if self.holder != session and not any(numbers):
             return True
         if self.holder not in (0, session):  # safety: watcher-commands-nothing
             self.busy += 1
             return False
         if not all(
-            -_MAX_COMMANDED_FORCE_N <= number <= _MAX_COMMANDED_FORCE_N for number in force
+            -_MAX_COMMANDED_FORCE_N <= number <= _MAX_COMMANDED_FORCE_N for number in numbers
         ):  # safety: served-force-finite
             return False
         now = monotonic()
@@ -198,7 +208,7 @@ class ServedDevice:
             self.stale += 1
             return False
         self._holder, self._held_since = session, since
-        self._block.command(force, session, since, mapping)
+        self._block.command(force, session, since, mapping, torque, gripper)
         return True
 
     def lose(self, session: int) -> None:
@@ -243,12 +253,14 @@ class ServerPreparation:
     descriptors  open sockets that it inherits, in order; closed here once it has them
     address      address of the server, as shown to the user
     remarks      further information for the user, such as a token
+    describe     what programs will see of a device, for the user
     """
 
     spec: dict[str, Any]
     address: str
     descriptors: list[int] = field(default_factory=list)
     remarks: tuple[str, ...] = ()
+    describe: Callable[[Device], tuple[str, ...]] = lambda device: ()
 
     def close(self) -> None:
         """Close this process's copies of the sockets. May be called twice."""
@@ -352,6 +364,15 @@ def is_client_force_alone(choices: Sequence[ServerChoice]) -> bool:
     return any(KINDS[choice.kind].world == "alone" for choice in choices)
 
 
+def check_hand_start(start: str, hand: object, choices: Sequence[ServerChoice]) -> str:
+    """`start` of the motion `hand`, None without one. Raises InputError for a wait that would not end."""
+    if start == "program" and (hand is None or all(choice.kind != "native" for choice in choices)):
+        raise InputError(
+            "--hand-start program waits for a program that opens the device: it needs --hand FILE and --serve native"
+        )
+    return start
+
+
 _HOLD_HEIGHT_M = 0.002  #: height above the dome at which a simulated tool without a user is held [m]
 
 
@@ -420,7 +441,11 @@ class Serving:
         return [
             line
             for one in self._servers
-            for line in (f"{one.choice.kind}: {one.preparation.address}", *one.preparation.remarks)
+            for line in (
+                f"{one.choice.kind}: {one.preparation.address}",
+                *one.preparation.remarks,
+                *one.preparation.describe(self._servo.device),
+            )
         ]
 
     def start(self) -> None:

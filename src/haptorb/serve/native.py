@@ -21,10 +21,13 @@ from time import monotonic, sleep
 from typing import Any, NamedTuple, final
 
 from haptorb.analysis.stability import GRIPS, SampledLoop
+from haptorb.control.linkage import MOTOR_GAINS
 from haptorb.control.trips import Trip
 from haptorb.devices.arm import Arm
-from haptorb.devices.base import Device, device_function
+from haptorb.devices.base import Device, device_function, find_object_limits
 from haptorb.devices.coil_array import CoilArray
+from haptorb.devices.gripper import Gripper
+from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.files import folders
 from haptorb.runtime.linux import raise_priority, request_exact_timers
@@ -45,6 +48,7 @@ __all__ = [
     "Page",
     "Placement",
     "describe_hardware",
+    "describe_mapping",
     "device_folder",
     "prepare",
     "read_claim",
@@ -56,7 +60,7 @@ __all__ = [
 # The file: three pages of 8-byte words, the same table as native/link/layout.h.
 
 
-VERSION = 1
+VERSION = 2
 _MAGIC = 0x6C6E62726F747061
 _PAGE = 4096
 SIZE = 3 * _PAGE  #: of the file [bytes]
@@ -94,7 +98,7 @@ STATE = _lay_out(
 )  # fmt: skip
 COMMAND = _lay_out(
     ("claim", 1, "q"), ("sequence", 1, "q"), ("owner", 1, "q"), ("stamp", 1, "q"), ("enabled", 1, "q"),
-    ("force", 3, "d"), ("torque", 3, "d"), ("grip_force", 1, "d"), ("program", 64, "s"),
+    ("force", 3, "d"), ("torque", 3, "d"), ("grip_force", 1, "d"), ("program", 64, "s"), ("opened", 1, "q"),
 )  # fmt: skip
 
 
@@ -107,12 +111,12 @@ _NO_JOINTS = (0.0,) * 8
 # What a program is told of a device, and where it finds the tool.
 
 
-HAS_BASE, HAS_WRIST, HAS_GRIPPER, SIMULATED = 1, 2, 8, 64
-_OMEGA_3, _OMEGA_6, _OMEGA_7 = 33, 34, 35  # the types of Force Dimension's interface with the same abilities
-_FINGER = 0.1  #: from a gripper's axis to its fingers, which device files do not state [m]
+HAS_BASE, HAS_WRIST, HAS_ACTIVE_WRIST, HAS_GRIPPER, HAS_ACTIVE_GRIPPER, SIMULATED = 1, 2, 4, 8, 16, 64
+# The types of Force Dimension's interface with the same abilities; none has an active wrist without a gripper.
+_OMEGA_3, _OMEGA_6, _OMEGA_7, _SIGMA_7 = 33, 34, 35, 104
+_TOOL = HAS_BASE | HAS_WRIST | HAS_ACTIVE_WRIST
 _PROGRAM_DELAY = 2e-3  #: from a pose to the force that a program computes for it, beside the tick [s]
 _MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
-_MOTOR_REACH = 0.1  #: of its target, for a program [m]
 _REACH = 0.1  #: about the place of rest, for a kind of device whose workspace is not known [m]
 
 
@@ -132,10 +136,17 @@ class Hardware:
     workspace: tuple[float, ...]
     force: float  #: peak [N]
     continuous: float  #: [N]
+    torque: float = 0.0  #: peak [N·m]; 0: none is rendered
     mass: float = 0.0  #: of the tool [kg]; 0: unknown
-    grip_length: float = 0.0  #: from a gripper's axis to thumb and finger [m]
-    grip_angle: float = 0.0  #: greatest [rad]
-    stiffness: float = math.inf  #: that the device's file permits [N/m]
+    gripper: Gripper | None = None
+    stiffness: float = math.inf  #: that the device's file permits, where the world acts [N/m]
+    lever: float = 1.0  #: of the hand's way to that of what the world acts on
+
+    @property
+    def grip_angle(self) -> float:
+        """Greatest angle of the gripper [rad]; 0: there is none."""
+        gripper = self.gripper
+        return 0.0 if gripper is None else 2.0 * math.asin(min(0.5 * gripper.opening / gripper.length, 1.0))
 
 
 @device_function
@@ -143,43 +154,83 @@ class Hardware:
 def describe_hardware(device: Device) -> Hardware:
     """How a program sees `device`; a kind of device with more abilities registers its own."""
     shell = device.shell
-    force = device.limits.force
-    if device.kind.modes:  # what the program moves is the object, which begins at its own origin
-        box = (-_MOTOR_REACH,) * 3 + (_MOTOR_REACH,) * 3
-        return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, 0.0), _MOTOR_SCALE, box, force, force)
+    force, torque = device.limits.force, device.limits.torque
     if shell is None:
         x, y, z = device.rest_position.tolist()
         box = (-_REACH,) * 3 + (_REACH,) * 3
-        return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (x, y, z), 1.0, box, force, force)
+        return Hardware(_OMEGA_6, _TOOL, (x, y, z), 1.0, box, force, force, torque)
     rest, reach = shell.contact_distance, shell.contact_distance + shell.thickness
     box = (-reach, -reach, -rest, reach, reach, shell.thickness)
-    return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, rest), 1.0, box, force, force)
+    return Hardware(_OMEGA_6, _TOOL, (0.0, 0.0, rest), 1.0, box, force, force, torque)
+
+
+@describe_hardware.register
+def _describe_motor(device: SphericalMotor) -> Hardware:
+    """What the program moves is the object, from its own origin, as far as tilts of the handle move it at first.
+
+    Forces come back in mode translate, torques in mode rotate; the greatest that a program may command stay within the
+    rotor's torque in every direction.
+    """
+    force, torque = find_object_limits(device)
+    gains = MOTOR_GAINS.translate
+    x, y, z = (_MOTOR_SCALE * device.workspace_tilt * gain for gain in gains)
+    return Hardware(
+        _OMEGA_6, _TOOL, (0.0, 0.0, 0.0), _MOTOR_SCALE, (-y, -x, -z, y, x, z), force, force, torque,
+        lever=device.rotor.handle_length / max(gains),
+    )  # fmt: skip
 
 
 @describe_hardware.register
 def _describe_array(device: CoilArray) -> Hardware:
     """A tool over a plate: the origin is where it touches in the middle. Over a dome as every tool."""
-    surface, force = device.surface, device.limits.force
+    surface, force, torque = device.surface, device.limits.force, device.limits.torque
     if surface.is_dome:
         return describe_hardware.dispatch(object)(device)
     x, y = surface.half_width
     box = (-y, -x, 0.0, y, x, surface.thickness)
-    return Hardware(_OMEGA_6, HAS_BASE | HAS_WRIST, (0.0, 0.0, device.contact_height), 1.0, box, force, force)
+    return Hardware(_OMEGA_6, _TOOL, (0.0, 0.0, device.contact_height), 1.0, box, force, force, torque)
 
 
 @describe_hardware.register
 def _describe_arm(device: Arm) -> Hardware:
-    """An arm in its own size; what it cannot do for a program, torque and force of the gripper, it does not state."""
+    """An arm in its own size."""
     x, y, z = device.workspace.half
     gripper, sensed = device.gripper, device.effector.orientation != "fixed"
-    able = HAS_BASE | (HAS_WRIST if sensed else 0) | (HAS_GRIPPER if gripper is not None else 0)
-    kind = _OMEGA_7 if gripper is not None else _OMEGA_6 if sensed else _OMEGA_3
-    angle = 0.0 if gripper is None else 2.0 * math.asin(min(0.5 * gripper.opening / _FINGER, 1.0))
+    able = HAS_BASE | (HAS_WRIST if sensed else 0) | (HAS_ACTIVE_WRIST if device.is_turned else 0)
+    kind = _OMEGA_6 if sensed else _OMEGA_3
+    if gripper is not None:
+        able |= HAS_GRIPPER | HAS_ACTIVE_GRIPPER
+        kind = _SIGMA_7 if device.is_turned else _OMEGA_7
     return Hardware(
         kind, able, (0.0, 0.0, 0.0), 1.0, (-y, -x, -z, y, x, z), device.limits.force, device.continuous_wrench[0],
-        mass=device.effector.mass, grip_length=0.0 if gripper is None else _FINGER, grip_angle=angle,
+        device.limits.torque if device.is_turned else 0.0, mass=device.effector.mass, gripper=gripper,
         stiffness=device.stiffness_limit,
     )  # fmt: skip
+
+
+def describe_mapping(device: Device, scale: float | None = None) -> str:
+    """How a program's workspace lies in that of `device`, in one line; scale: None for the default.
+
+    >>> from haptorb.devices.loader import load
+    >>> describe_mapping(load("arm")).partition(" (")[0]
+    'mapping: a program sees a box of 110 × 160 × 160 mm'
+    """
+    hardware = describe_hardware(device)
+    factor = hardware.scale if scale is None else scale
+    x, y, z = (
+        factor / hardware.scale * 1e3 * (most - least)
+        for least, most in zip(hardware.workspace[:3], hardware.workspace[3:], strict=True)
+    )
+    where = "the object's place at rest" if device.kind.modes else (
+        f"({', '.join(f'{1e3 * one:.4g}' for one in hardware.centre)}) mm of the stator's frame"
+    )  # fmt: skip
+    able = [f"{hardware.force:.3g} N"]
+    able += [f"{1e3 * hardware.torque:.3g} mN·m"] if hardware.torque else ["no torque"]
+    able += [] if hardware.gripper is None else [f"gripper {hardware.gripper.force:.3g} N"]
+    return (
+        f"mapping: a program sees a box of {x:.3g} × {y:.3g} × {z:.3g} mm (towards the user, right, up), scale "
+        f"{factor:g}, origin at {where}; at most {', '.join(able)}"
+    )
 
 
 @final
@@ -301,6 +352,8 @@ class _Commander:
 _LOOK = 2e-4  #: between two looks [s]
 _REPORT = 0.5  #: between two reports of who commands [s]
 _TRIES = 5
+_OPENED = (_COMMAND_AT + COMMAND["opened"][0]) // 8  # word: when a program opened the device first; 0: none has
+_LEAST_COSINE = 1e-3  #: of half a gripper's angle, where its opening says nothing of the rate of the angle
 
 
 @final
@@ -317,11 +370,17 @@ class NativeServer:
         self._hardware = hardware
         self._direct = not served.facts.get("modes")
         layout = served.layout
-        self._at = {name: layout[name] for name in ("t", "wall", "valid", "guard", "trip", "q", "v", "w", "winding")}
+        names = (
+            "t", "wall", "valid", "guard", "trip", "v", "w", "winding", "part", "gain", "share", "gripper", "gripper_v",
+            "gripper_force",
+        )  # fmt: skip
+        self._at = {name: layout[name] for name in names}
         self._at["p"] = layout["p" if self._direct else "object"]
+        self._at["q"] = layout["q" if self._direct else "object_q"]
         self._at["force"] = layout["wrench_commanded" if self._direct else "object_wrench"]
         self._tick, self._t, self._p, self._known = -1, 0.0, (0.0, 0.0, 0.0), False
         self._velocity, self._q, self._trips = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), [0] * SLOTS
+        self._turning, self._opened = (0.0, 0.0, 0.0), False
         self._claim, self._session, self._sequence = 0, 0, 0
         self._commander: _Commander | None = None
         self._commands, self._counted_at, self._counted = 0, monotonic(), 0
@@ -343,25 +402,31 @@ class NativeServer:
         rate = float(served.facts["rate_hz"])
         simulated = SIMULATED if served.facts["driver"] == "sim" else 0
         loop = SampledLoop(1 / rate, _PROGRAM_DELAY, 1 / rate)
-        stiffness = min(loop.largest(GRIPS["light"]), hardware.stiffness) / self._placement.scale
+        # A program's spring acts on what the world acts on, which moves by less than the hand by the lever.
+        stiffness = min(hardware.lever**2 * loop.largest(GRIPS["light"]), hardware.stiffness) / self._placement.scale
+        gripper, limits = hardware.gripper, self._find_limits()
         values: dict[str, Any] = {
             "version": VERSION, "size": SIZE, "owner": os.geteuid(), "server": os.getpid(),
             "server_start": _process_start(os.getpid()), "type": hardware.type,
             "capabilities": hardware.capabilities | simulated, "serial": os.getppid() & 0xFFFF, "rate": rate,
-            "workspace": hardware.workspace, "force_max": min(hardware.force, self._find_limit()),
-            "force_continuous": min(hardware.continuous, self._find_limit()), "stiffness_max": stiffness,
-            "mass": hardware.mass, "grip_length": hardware.grip_length, "grip_angle_max": hardware.grip_angle,
+            "workspace": [self._placement.scale / hardware.scale * side for side in hardware.workspace],
+            "force_max": min(hardware.force, limits[0]), "force_continuous": min(hardware.continuous, limits[0]),
+            "stiffness_max": stiffness, "mass": hardware.mass, "torque_max": min(hardware.torque, limits[1]),
+            "grip_force_max": 0.0 if gripper is None else min(gripper.force, limits[2]),
+            "grip_length": 0.0 if gripper is None else gripper.length, "grip_angle_max": hardware.grip_angle,
             "name": f"haptorb {device.name}", "maker": "haptorb", "version_text": __version__,
         }  # fmt: skip
         for name, value in values.items():
             self._store(0, FACTS[name], value)
         self._words[FACTS["magic"][0] // 8] = _MAGIC  # the last: a library that sees it sees all
 
-    def _find_limit(self) -> float:
-        """What the world lets through of clients' forces [N]."""
-        values = self.served.world.get("values", {})
-        limit = values.get("limit") if self.served.world.get("name") == "remote" else None
-        return float(limit) if isinstance(limit, int | float) else 10.0
+    def _find_limits(self) -> tuple[float, float, float]:
+        """What the world lets through of clients' forces [N], torques [N·m] and gripper forces [N]."""
+        world = self.served.world
+        values = world.get("values" if world.get("name") == "remote" else "remote") or {}
+        stated = [values.get(name) for name in ("limit", "torque_limit", "gripper_limit")]
+        force, torque, gripper = (float(one) if isinstance(one, int | float) else math.inf for one in stated)
+        return force, torque, gripper
 
     def _store(self, page: int, place: tuple[int, int, str], value: Any) -> None:
         at, count, kind = place
@@ -386,16 +451,15 @@ class NativeServer:
         code = n[at["trip"].start]
         trip = int(code) if math.isfinite(code) else 0
         place, turn = self._placement.place, self._placement.turn
-        force, wall, guard = n[at["force"]], n[at["wall"].start], n[at["guard"].start]
+        (force, torque), wall, guard = self._find_rendered(n), n[at["wall"].start], n[at["guard"].start]
         number = self._words[_COUNT] + 1
         slot = _SLOTS_AT + SLOT_SIZE * (number % SLOTS)
         _NUMBERS.pack_into(
             self._bytes, slot,
             self._tick, int(1e9 * wall) if math.isfinite(wall) else 0, n[at["valid"].start] == 1.0,
             int(guard) if math.isfinite(guard) else 0, trip, served.button_bits, 0, self._find_warmth(n[at["winding"]]),
-            *place(self._p), *_turn_rotation(self._q), *turn(self._velocity), *turn(_finite(n[at["w"]])),
-            *turn(_finite(force[:3])), *turn(_finite(force[3:])), self._find_grip_angle(served.grip), 0.0, 0.0,
-            *_NO_JOINTS,
+            *place(self._p), *_turn_rotation(self._q), *turn(self._velocity), *turn(self._turning),
+            *turn(force), *turn(torque), *self._find_grip(n), *_NO_JOINTS,
         )  # fmt: skip
         if trip != self._trips[number % SLOTS]:
             self._trips[number % SLOTS] = trip
@@ -407,11 +471,26 @@ class NativeServer:
         warmest = max(_finite(windings), default=0.0)
         return min(max((warmest - heat.ambient) / (heat.derate - heat.ambient), 0.0), 1.0)
 
-    def _find_grip_angle(self, opening: float) -> float:
-        length = self._hardware.grip_length
-        if length == 0.0 or not math.isfinite(opening):
-            return 0.0
-        return 2.0 * math.asin(min(max(0.5 * opening / length, 0.0), 1.0))
+    def _find_rendered(self, n: list[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Force (3,) [N] and torque (3,) [N·m] that are rendered, on what the program moves."""
+        at = self._at
+        wrench = _finite(n[at["force"]])
+        if self._direct:
+            part = n[at["part"].start]
+            pushes, turns = float(part != 1.0), float(part != 0.0 and self._hardware.torque > 0.0)
+        else:  # the wrench of the world, as far as guard and clutch pass it on
+            gain, (moving, turning) = _finite([n[at["gain"].start]])[0], _finite(n[at["share"]])
+            pushes, turns = gain * moving, gain * turning
+        return tuple(pushes * one for one in wrench[:3]), tuple(turns * one for one in wrench[3:])
+
+    def _find_grip(self, n: list[float]) -> tuple[float, float, float]:
+        """Angle [rad], its rate [rad/s] and force [N] of the gripper."""
+        gripper, at = self._hardware.gripper, self._at
+        if gripper is None:
+            return 0.0, 0.0, 0.0
+        opening, rate, force = _finite([n[at[name].start] for name in ("gripper", "gripper_v", "gripper_force")])
+        angle = 2.0 * math.asin(min(max(0.5 * opening / gripper.length, 0.0), 1.0))
+        return angle, rate / (gripper.length * max(math.cos(0.5 * angle), _LEAST_COSINE)), force
 
     def _note_pose(self, n: list[float]) -> None:
         """Keep the last pose that was valid, and its velocity; a target's is the way since the row before."""
@@ -419,7 +498,7 @@ class NativeServer:
         if not self._known:
             self._p = self._placement.centre
         if n[at["valid"].start] != 1.0:
-            self._velocity = (0.0, 0.0, 0.0)
+            self._velocity = self._turning = (0.0, 0.0, 0.0)
             return
         x, y, z = n[at["p"]]
         if not math.isfinite(x + y + z):
@@ -429,18 +508,25 @@ class NativeServer:
             scale = self._placement.scale
             a, b, c = _finite(n[at["v"]])
             self._velocity = (scale * a, scale * b, scale * c)
+            a, b, c = _finite(n[at["w"]])
+            self._turning = (a, b, c)
         elif self._known and t > self._t:
             scale = self._placement.scale / (t - self._t)
             self._velocity = (scale * (x - self._p[0]), scale * (y - self._p[1]), scale * (z - self._p[2]))
-        self._p, self._t, self._known = (x, y, z), t, True
         a, b, c, d = n[at["q"]]
         if math.isfinite(a + b + c + d):
+            if not self._direct and self._known and t > self._t:
+                self._turning = _find_rate(self._q, (a, b, c, d), t - self._t)
             self._q = (a, b, c, d)
+        self._p, self._t, self._known = (x, y, z), t, True
 
     # ---- command ----
 
     def _take(self) -> None:
         words, start = self._words, _COMMAND_AT // 8
+        if not self._opened and words[_OPENED]:
+            self._opened = True
+            self.served.begin_hand()
         claim = words[start]
         if claim != self._claim:
             self._change_commander(claim)
@@ -455,7 +541,7 @@ class NativeServer:
             return
         for _ in range(_TRIES):
             owner, stamp, enabled = words[start + 2], words[start + 3], words[start + 4]
-            force = self._floats[start + 5 : start + 8].tolist()
+            wrench = self._floats[start + 5 : start + 12].tolist()
             after = words[start + 1]
             if after == sequence:
                 break
@@ -467,7 +553,10 @@ class NativeServer:
         if not enabled:
             self.served.lose(self._session)
             return
-        if not self.served.command(self._session, self._placement.turn_back(force), arrival=1e-9 * stamp):
+        back = self._placement.turn_back
+        if not self.served.command(
+            self._session, back(wrench[:3]), arrival=1e-9 * stamp, torque=back(wrench[3:6]), gripper=wrench[6]
+        ):
             self.refused += 1
 
     def _change_commander(self, claim: int) -> None:
@@ -503,6 +592,23 @@ class NativeServer:
         """Programs see that the run has ended."""
         self._change_commander(0)
         self._words[_PHASE] = _ENDED
+
+
+def _find_rate(
+    before: tuple[float, float, float, float], now: tuple[float, float, float, float], dt: float
+) -> tuple[float, float, float]:
+    """(3,) angular velocity [rad/s] between two orientations (x, y, z, w) `dt` [s] apart, by the small turn of one
+    tick.
+
+    >>> [round(one, 3) for one in _find_rate((0, 0, 0, 1), (0, 0, 1e-3, 1), 1e-3)]
+    [0.0, 0.0, 2.0]
+    """
+    x, y, z, w = before
+    a, b, c, d = now
+    # The vector part of now times the inverse of before; its sign is that of the shorter way.
+    turn = (w * a - d * x - (b * z - c * y), w * b - d * y - (c * x - a * z), w * c - d * z - (a * y - b * x))
+    factor = math.copysign(2.0 / dt, x * a + y * b + z * c + w * d)
+    return factor * turn[0], factor * turn[1], factor * turn[2]
 
 
 def _explain_trip(code: int) -> str:
@@ -577,7 +683,10 @@ def prepare(where: str) -> ServerPreparation:
         os.close(descriptor)
         path.unlink(missing_ok=True)
         raise
-    return ServerPreparation({"path": str(path), "scale": scale}, str(path), [descriptor])
+    return ServerPreparation(
+        {"path": str(path), "scale": scale}, str(path), [descriptor],
+        describe=lambda device: (describe_mapping(device, scale),),
+    )  # fmt: skip
 
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:

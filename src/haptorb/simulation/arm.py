@@ -2,7 +2,8 @@
 
 The end effector is a mass with dry and viscous friction between mechanical stops; the motors' currents follow their
 voltages with a first-order lag (L/R), against the back-EMF, and warm the windings; encoders have steps, and velocity is
-a difference of what they read. Left out: torque ripple, links that bend, gravity (compensated).
+a difference of what they read. A gripper is simulated beside it (`gripper`). Left out: torque ripple, links that bend,
+gravity (compensated).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
 from haptorb.simulation.coil_array import quantise_reading
+from haptorb.simulation.gripper import SimulatedGripper
 from haptorb.simulation.parts import GRIP, coil_step, cold_coils, fill_remaining_rotation, matrix, seed_noise, set_goal
 
 __all__ = ["ARM", "SimulatedArm", "advance_arm"]
@@ -182,6 +184,7 @@ class SimulatedArm(CoilSimulation):
             for name in ("stiffness", "damping", "turn_stiffness", "turn_damping"):
                 state["grip"][name] = getattr(hand, name)
         self._matrix = device.matrix
+        self.gripper = None if device.gripper is None else SimulatedGripper(device.gripper)
         self._read: deque[tuple[float, Array]] = deque()
         self.reset(seed)
 
@@ -191,6 +194,8 @@ class SimulatedArm(CoilSimulation):
         self._coils = cold_coils(self.device)
         self._state["wrench"] = 0.0
         self._t = 0.0
+        if self.gripper is not None:
+            self.gripper.reset()
         self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
@@ -239,7 +244,8 @@ class SimulatedArm(CoilSimulation):
         warmth = quantise_reading(coils["body"] + device.thermometer_noise * noise[1], device.thermometer_step)
         p = quantise_reading(state.p, device.encoder.step)
         pose = Pose(pose_stamp, self._sense_rotation(state.R_SR), p, state.w, self._differ(t, p), pose_valid)
-        return Sample(t, current, warmth, np.empty((0, 3)), pose)
+        opening, rate = (np.nan, np.nan) if self.gripper is None else self.gripper.read(t)
+        return Sample(t, current, warmth, np.empty((0, 3)), pose, gripper=opening, gripper_velocity=rate)
 
     def _differ(self, t: float, p: Array) -> Array:
         """(3,) velocity [m/s]: the way since the oldest position in the window, at `t` [s] and `p` (3,) [m]."""

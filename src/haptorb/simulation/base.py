@@ -12,6 +12,7 @@ from haptorb.arrays import Array, Records
 from haptorb.devices.base import Device, State
 from haptorb.errors import InputError
 from haptorb.estimation.types import Sample
+from haptorb.simulation.gripper import SimulatedGripper
 from haptorb.simulation.parts import chop
 
 __all__ = ["CoilSimulation", "Simulation"]
@@ -27,9 +28,12 @@ class Simulation(ABC):
     ----------
     device : Device
         The simulated device.
+    gripper : SimulatedGripper or None
+        Its gripper, which advances on its own.
     """
 
     device: Device
+    gripper: SimulatedGripper | None = None
 
     @abstractmethod
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:

@@ -260,6 +260,7 @@ class _SteppedRun(DeviceRun):
             row[at["lateness"]] = row[at["missed"]] = row[at["stages"]] = row[at["ahead"]] = 0.0
             bits, grip = (0, np.nan) if self.hand is None else self.hand.signals_at(now)
             row[at["buttons"]], row[at["grip"]] = bits, grip
+            row[at["hand_t"]] = np.nan if self.hand is None else now
             self._ticks += 1
             if row[guard] == GuardState.TRIPPED and row[trip] in (Trip.WORLD_FAILED, Trip.MEMORY_NOT_FINITE):
                 self._rows.append(rows[: len(rows) - (last - self._ticks)])

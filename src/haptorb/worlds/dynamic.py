@@ -11,9 +11,10 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from haptorb.arrays import Array, Record, Records, fields
+from haptorb.arrays import Array, Records, fields
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.devices.base import State
+from haptorb.devices.base import Device, State, find_object_limits
+from haptorb.devices.gripper import find_gripper
 from haptorb.errors import HaptorbError, InputError, quote
 from haptorb.worlds.base import Shape, Sum, World, parameter
 
@@ -297,6 +298,21 @@ class DynamicWorld(World):
             commanded += wrench
         return wrench
 
+    def gripper_force(self, memory: Records) -> float:
+        """[N] on the device's gripper after `advance`, positive to open; by default none.
+
+        Parameters
+        ----------
+        memory : ndarray, shape (1,)
+            Structured array of one record, each field in its unit.
+
+        Returns
+        -------
+        float
+            Force between thumb and finger [N].
+        """
+        return 0.0
+
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """Decide what of the memory remains when this world replaces another.
 
@@ -459,6 +475,10 @@ class DynamicSum(Sum, DynamicWorld):
             if part.takes_commands:
                 part.take_command(memory[name], client)
 
+    def gripper_force(self, memory: Records) -> float:
+        """[N] sum over the parts, each in its part of `memory` (1,), in the units of its fields."""
+        return sum(part.gripper_force(memory[name]) for name, part in self._remembering)
+
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """Each part by its own rule, with the memory of the previous part of the same name; in the fields' units."""
         before = (
@@ -534,11 +554,13 @@ CLIENT_FORCE = fields(
     ("age", "f8"),  # of the command [s]
     ("lost", "f8"),  # time since the connection was lost; 0: connected [s]
     ("mapping", "f8"),  # number of its mapping into the stator's frame
+    ("torque", "f8", (3,)),  # commanded about the mover's origin, stator frame [N·m]
+    ("gripper", "f8"),  # commanded between thumb and finger, positive to open [N]
 )
 
 
 def make_client_force() -> Records:
-    """(1,) CLIENT_FORCE without a client: no force [N], session 0."""
+    """(1,) CLIENT_FORCE without a client: no force [N], torque [N·m] or gripper force [N], session 0."""
     return np.zeros(1, dtype=CLIENT_FORCE)
 
 
@@ -616,6 +638,11 @@ class BoundWorld:
         self.failed = False
         return wrench
 
+    @property
+    def gripper_force(self) -> float:
+        """Of the world on the device's gripper after its last step [N], positive to open."""
+        return 0.0 if self.paused or self.failed else self.world.gripper_force(self.memory)
+
     def restart(self) -> None:
         """Reset the memory to the initial state."""
         self.memory[:] = check_memory(self.world.begin(), self.world.name)
@@ -669,6 +696,8 @@ _FIELDS = (
     MemoryField("lost", "s", "time since the client's connection was lost; 0: connected"),
     MemoryField("fade", "1", "share of the force that is rendered: 1 before the fade, 0 after it"),
     MemoryField("mapping", "1", "number of the client's mapping: with another one the same command points elsewhere"),
+    MemoryField("torque", "N·m", "torque commanded by the client, stator frame", (3,)),
+    MemoryField("gripper", "N", "gripper force commanded by the client, positive to open"),
 )
 
 
@@ -676,15 +705,17 @@ _FIELDS = (
 def _take_command(memory: Records, client: Records) -> None:
     """Copy the command of `client` (1,) CLIENT_FORCE; a command that is not finite counts as none."""
     m, c = memory[0], client[0]
-    finite = np.isfinite(c.session + c.age + c.lost)
+    finite = np.isfinite(c.session + c.age + c.lost) and np.isfinite(c.gripper)
     for i in range(3):
-        finite &= np.isfinite(c.force[i])
+        finite &= np.isfinite(c.force[i]) and np.isfinite(c.torque[i])
     fade = 0.0
     if finite and c.session > 0.0:
         late = max(c.age - HOLD, c.lost)  # safety: client-silence-fades, client-loss-fades
         fade = min(max(1.0 - late / FADE, 0.0), 1.0)
     for i in range(3):
         m.force[i] = c.force[i] if finite else 0.0  # safety: client-force-finite
+        m.torque[i] = c.torque[i] if finite else 0.0  # safety: client-torque-finite
+    m.gripper = c.gripper if finite else 0.0  # safety: client-gripper-finite
     m.session = c.session if finite else 0.0
     m.age = c.age if finite else 0.0
     m.lost = c.lost if finite else 0.0
@@ -693,32 +724,36 @@ def _take_command(memory: Records, client: Records) -> None:
 
 
 @kernel
-def _push(m: Record, limit: float, wrench: Array) -> None:
-    """`wrench` (6,) becomes the client's force [N], faded and limited to `limit` [N]."""
-    wrench[:] = 0.0
-    largest = max(abs(m.force[0]), abs(m.force[1]), abs(m.force[2]))
-    if largest == 0.0 or m.fade == 0.0:
+def _limit(vector: Array, fade: float, limit: float, out: Array) -> None:
+    """`out` (3,) becomes `vector` (3,), faded and limited to the norm `limit`, both in its unit."""
+    out[:] = 0.0
+    largest = max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
+    if largest == 0.0 or fade == 0.0:
         return
     size = 0.0  # norm relative to the largest component: squares of the components themselves may overflow
     for i in range(3):
-        size += (m.force[i] / largest) ** 2
-    share = m.fade * min(1.0, limit / largest / np.sqrt(size))  # safety: client-force-limit
+        size += (vector[i] / largest) ** 2
+    share = fade * min(1.0, limit / largest / np.sqrt(size))  # safety: client-force-limit
     for i in range(3):
-        wrench[i] = share * m.force[i]
+        out[i] = share * vector[i]
 
 
 @kernel
-def _render(memory: Records, limit: float, wrench: Array) -> None:
-    _push(memory[0], limit, wrench)
+def _render(memory: Records, force: float, torque: float, wrench: Array) -> None:
+    m = memory[0]
+    _limit(m.force[:], m.fade, force, wrench[:3])
+    _limit(m.torque[:], m.fade, torque, wrench[3:])
 
 
 @dataclass(frozen=True)
 class Remote(DynamicWorld):
-    """Force of a program connected with `haptorb run --serve`: the latest command, faded if no other follows.
+    """Force and torque of a program connected with `haptorb run --serve`: the latest command, faded if no other
+    follows.
 
     A command lasts 50 ms. If none follows, its force fades to zero within 20 ms; when the connection is lost,
     the fade begins at once. The memory contains the client's command and the share that is rendered, so that the
-    same memory gives the same force again. It may put energy into the hand, so it is not `passive`.
+    same memory gives the same force again. It may put energy into the hand, so it is not `passive`. The guard limits it
+    to what the device may give; its own limits only make it weaker.
 
     >>> Remote().wrench(State.at((0, 0, 0.05))).tolist()  # no client is connected
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -727,9 +762,10 @@ class Remote(DynamicWorld):
     passive: ClassVar[bool] = False
     continuous: ClassVar[bool] = False
     takes_commands: ClassVar[bool] = True
-    asks = "force"
 
-    limit: float = parameter(10.0, "N", 0.0, 100.0, "maximum force accepted from a client")
+    limit: float = parameter(100.0, "N", 0.0, 100.0, "maximum force of a client, if below the device's own")
+    torque_limit: float = parameter(10.0, "N·m", 0.0, 10.0, "maximum torque of a client, if below the device's own")
+    gripper_limit: float = parameter(100.0, "N", 0.0, 100.0, "maximum gripper force, if below the device's own")
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
@@ -738,18 +774,32 @@ class Remote(DynamicWorld):
 
     @property
     def bound(self) -> float:
-        """[N] maximum force accepted from a client."""
+        """[N] maximum force of a client."""
         return self.limit
+
+    def for_device(self, device: Device) -> Remote:
+        """With limits no higher than those of `device`: what is clamped later would fade later."""
+        force, torque = find_object_limits(device)  # safety: client-fades-from-limit
+        gripper = find_gripper(device)
+        return self.replace(
+            limit=min(self.limit, force), torque_limit=min(self.torque_limit, torque),
+            gripper_limit=0.0 if gripper is None else min(self.gripper_limit, gripper.force),
+        )  # fmt: skip
 
     def take_command(self, memory: Records, client: Records) -> None:
         """Copy the command of `client`, (1,) CLIENT_FORCE [N, s], into `memory` (1,)."""
         _take_command(memory, client)
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
-        """(6,) force in `memory` [N], independent of `state` and dt [s]."""
+        """(6,) force [N] and torque [N·m] in `memory`, independent of `state` and dt [s]."""
         wrench = np.empty(6)
-        _render(memory, self.limit, wrench)
+        _render(memory, self.limit, self.torque_limit, wrench)
         return wrench
+
+    def gripper_force(self, memory: Records) -> float:
+        """[N] in `memory` (1,), faded and limited; positive opens."""
+        force, fade = float(memory["gripper"].item()), float(memory["fade"].item())
+        return fade * min(max(force, -self.gripper_limit), self.gripper_limit)  # safety: client-gripper-limit
 
 
 # --------------------------------------------------------------------------------------------------
@@ -760,8 +810,8 @@ def split_remote(world: World) -> tuple[World, Remote | None]:
     """(the world, the clients' force) of a sum that ends with the clients' force; else (world, None).
 
     >>> from haptorb.worlds.dome import Dome
-    >>> split_remote(Dome(moment=1.0) + Remote())
-    (Dome(summit=(0, 0, 1), half_width_deg=18, cut_off_deg=54, moment=1), Remote(limit=10))
+    >>> split_remote(Dome(moment=1.0) + Remote(limit=3.0))[1].limit
+    3.0
     """
     if not isinstance(world, DynamicSum) or len(world.parts) < 2:
         return world, None

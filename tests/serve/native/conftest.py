@@ -36,6 +36,7 @@ class ServedFile:
 
     def __init__(self, device: str = "omni", where: str = "", limit: float = 10.0) -> None:
         self.loop = PublishedLoop(Remote(limit=limit), device)
+        self.loop.served.facts["modes"] = list(self.loop.device.kind.modes)
         self.preparation = prepare(where)
         self.path = Path(self.preparation.address)
         self.run = {"HAPTORB_RUN": str(self.path)}
@@ -70,6 +71,18 @@ class ServedFile:
                 return session
             assert monotonic() < end, f"the loop has {force} N, not {wanted}"
             sleep(0.001)
+
+    def await_rest(
+        self, force: tuple[float, ...], patience: float = 2.0, torque: tuple[float, ...] | None = None
+    ) -> tuple[list[float], float]:
+        """Torque [N·m] and gripper force [N] that come with this force [N]; wait for it, and for `torque`."""
+        end = monotonic() + patience
+        while True:
+            self.await_force(force, patience)
+            found = self.loop._client["torque"][0].tolist(), float(self.loop._client["gripper"][0])
+            if torque is None or found[0] == pytest.approx(torque, abs=1e-12):
+                return found
+            assert monotonic() < end, found
 
     def __enter__(self) -> Self:
         self.loop.__enter__()

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic, monotonic_ns, sleep
 from typing import Any
@@ -471,34 +472,195 @@ def test_a_program_of_another_account(served: ServedFile, dhd: Any, libraries: P
 
 
 @pytest.mark.parametrize(
-    ("device", "kind", "wrist", "gripper"), [("arm", 33, 0, 0), ("arm-touch", 34, 1, 0), ("arm-sigma", 35, 1, 1)]
+    ("device", "kind", "wrist", "active"), [("arm", 33, 0, 0), ("arm-touch", 34, 1, 0), ("arm-sigma", 104, 1, 1)]
 )
 def test_an_arm_is_what_its_file_says(
-    libraries: Path, monkeypatch: pytest.MonkeyPatch, device: str, kind: int, wrist: int, gripper: int
+    libraries: Path, monkeypatch: pytest.MonkeyPatch, device: str, kind: int, wrist: int, active: int
 ) -> None:
-    """In its own size, with the type of the same abilities; a scripted hand opens its gripper."""
-    with ServedFile(device) as served:
+    """In its own size, with the type and the limits of the same abilities."""
+    with ServedFile(device, limit=100.0) as served:
         monkeypatch.setenv("HAPTORB_RUN", str(served.path))
         dhd = ctypes.CDLL(str(libraries / "libdrd.so.3"))
-        for function in (dhd.dhdHasWrist, dhd.dhdHasGripper, dhd.dhdHasActiveWrist):
-            function.restype = ctypes.c_bool
+        names = ("dhdHasWrist", "dhdHasGripper", "dhdHasActiveWrist", "dhdHasActiveGripper")
+        for name in names:
+            getattr(dhd, name).restype = ctypes.c_bool
         number = dhd.dhdOpen()
         try:
             assert number >= 0
             dhd.dhdSetTimeGuard(0, ANY)
-            assert (dhd.dhdGetSystemType(ANY), dhd.dhdHasWrist(ANY), dhd.dhdHasGripper(ANY)) == (kind, wrist, gripper)
-            assert not dhd.dhdHasActiveWrist(ANY), "programs command forces here, and no torques"
+            assert dhd.dhdGetSystemType(ANY) == kind
+            assert [getattr(dhd, name)(ANY) for name in names] == [wrist, active, active, active]
             served.publish(p=(0.01, 0.02, 0.03))
             await_position(dhd, (-0.02, 0.01, 0.03))
             assert set_force(dhd, 0.0, 0.0, 2.0) == 0
             served.await_force((0.0, 0.0, 2.0))
-            if gripper:
-                served.loop.shared.hand.write(0, 0.012)
-                served.publish(p=(0.01, 0.02, 0.031))
-                await_position(dhd, (-0.02, 0.01, 0.031))
-                assert numbers(dhd.dhdGetGripperGap, 1) == pytest.approx([0.012])
-                thumb, finger = numbers(dhd.dhdGetGripperThumbPos, 3), numbers(dhd.dhdGetGripperFingerPos, 3)
-                assert np.linalg.norm(np.subtract(thumb, finger)) == pytest.approx(0.012)
+            most = served.loop.device.limits.force
+            assert set_force(dhd, 0.0, 0.0, 1e3) == 2
+            served.await_force((0.0, 0.0, most))
+            assert set_all(dhd, (0.0, 0.0, 0.0), (0.0, 0.0, 1e3), 1e3) == 2, "less than was asked"
+            torque, grip = served.await_rest((0.0, 0.0, 0.0))
+            assert torque == pytest.approx([0.0, 0.0, served.loop.device.limits.torque if active else 0.0])
+            assert grip == pytest.approx(8.0 if active else 0.0)
+            enabled = dhd.dhdEnableGripperForce(ctypes.c_ubyte(1), ANY)
+            assert enabled == (0 if active else -1)
+            if not active:
+                assert dhd.dhdGetGripperGap(ctypes.byref(ctypes.c_double()), ANY) == -1
+        finally:
+            dhd.dhdClose(ANY)
+
+
+def set_all(dhd: Any, force: tuple[float, ...], torque: tuple[float, ...], grip: float) -> int:
+    values = (ctypes.c_double(one) for one in (*force, *torque, grip))
+    return int(dhd.dhdSetForceAndTorqueAndGripperForce(*values, ANY))
+
+
+@pytest.fixture
+def sigma(libraries: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ServedFile, Any]]:
+    """A served arm with six actuated directions and a gripper, and the library with it open."""
+    with ServedFile("arm-sigma", limit=100.0) as served:
+        monkeypatch.setenv("HAPTORB_RUN", str(served.path))
+        dhd = ctypes.CDLL(str(libraries / "libdrd.so.3"))
+        dhd.dhdErrorGetLastStr.restype = ctypes.c_char_p
+        assert dhd.dhdOpen() >= 0
+        dhd.dhdSetTimeGuard(0, ANY)
+        yield served, dhd
+        dhd.dhdClose(ANY)
+
+
+def test_torque_and_gripper_force_reach_the_loop(sigma: tuple[ServedFile, Any]) -> None:
+    """In the stator's frame: x towards the user is −y there. A gripper's force has no frame; positive opens."""
+    served, dhd = sigma
+    assert set_all(dhd, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), -2.0) == 0
+    torque, grip = served.await_rest((2.0, -1.0, 3.0))
+    assert torque == pytest.approx([0.2, -0.1, 0.3])
+    assert grip == -2.0
+    assert dhd.dhdSetForceAndTorque(*map(ctypes.c_double, (1.0, 0.0, 0.0, 0.0, 0.0, 0.2)), ANY) == 0
+    torque, grip = served.await_rest((0.0, -1.0, 0.0))
+    assert (torque, grip) == (pytest.approx([0.0, 0.0, 0.2]), 0.0)
+    assert dhd.dhdSetForceAndGripperForce(*map(ctypes.c_double, (0.0, 0.0, 1.0, 3.0)), ANY) == 0
+    torque, grip = served.await_rest((0.0, 0.0, 1.0))
+    assert (torque, grip) == ([0.0, 0.0, 0.0], 3.0)
+
+
+def test_force_and_torque_one_after_the_other(sigma: tuple[ServedFile, Any]) -> None:
+    """As older programs command them: neither takes the other away, for as long as a command lasts."""
+    served, dhd = sigma
+    for _ in range(3):
+        assert set_force(dhd, 0.0, 0.0, 1.0) == 0
+        assert dhd.dhdSetTorque(*map(ctypes.c_double, (0.0, 0.0, 0.1)), ANY) == 0
+    torque, _ = served.await_rest((0.0, 0.0, 1.0))
+    assert torque == pytest.approx([0.0, 0.0, 0.1])
+    assert set_force(dhd, 0.0, 0.0, 2.0) == 0
+    torque, _ = served.await_rest((0.0, 0.0, 2.0))
+    assert torque == pytest.approx([0.0, 0.0, 0.1])
+    sleep(0.06)
+    assert set_force(dhd, 0.0, 0.0, 3.0) == 0
+    torque, _ = served.await_rest((0.0, 0.0, 3.0))
+    assert torque == [0.0, 0.0, 0.0], "a torque of long ago has ended"
+
+
+def test_torque_and_gripper_end_with_the_program(sigma: tuple[ServedFile, Any]) -> None:
+    served, dhd = sigma
+    assert set_all(dhd, (0.0, 0.0, 0.0), (0.0, 0.0, 0.2), 4.0) == 0
+    served.await_rest((0.0, 0.0, 0.0), torque=(0.0, 0.0, 0.2))
+    assert dhd.dhdClose(ANY) == 0
+    end = monotonic() + 1.0
+    while served.loop._client["lost"][0] <= 0.0:
+        served.receive()
+        assert monotonic() < end
+    assert dhd.dhdOpen() >= 0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_no_number_is_no_torque_and_no_gripper_force(sigma: tuple[ServedFile, Any], bad: float) -> None:
+    served, dhd = sigma
+    for torque, grip in (((0.0, bad, 0.0), 1.0), ((0.1, 0.0, 0.0), bad)):
+        assert set_all(dhd, (0.0, 0.0, 1.0), (0.1, 0.0, 0.0), 1.0) == 0
+        served.await_rest((0.0, 0.0, 1.0))
+        assert set_all(dhd, (0.0, 0.0, 1.0), torque, grip) == -1
+        assert b"finite" in dhd.dhdErrorGetLastStr()
+        assert served.await_rest((0.0, 0.0, 0.0)) == ([0.0, 0.0, 0.0], 0.0)
+
+
+def test_a_gripper_as_it_is_measured(sigma: tuple[ServedFile, Any]) -> None:
+    """Angle, gap, rates, thumb and finger are those of two fingers of 100 mm; its force is what is rendered."""
+    served, dhd = sigma
+    served.publish(p=(0.01, 0.02, 0.031), gripper=0.012, gripper_v=-0.05, gripper_force=1.5, part=-1.0)
+    await_position(dhd, (-0.02, 0.01, 0.031))
+    assert numbers(dhd.dhdGetGripperGap, 1) == pytest.approx([0.012])
+    angle = 2.0 * np.arcsin(0.06)
+    assert numbers(dhd.dhdGetGripperAngleRad, 1) == pytest.approx([angle])
+    assert numbers(dhd.dhdGetGripperAngleDeg, 1) == pytest.approx([np.degrees(angle)])
+    assert numbers(dhd.dhdGetGripperLinearVelocity, 1) == pytest.approx([-0.05])
+    assert numbers(dhd.dhdGetGripperAngularVelocityRad, 1) == pytest.approx([-0.5 / np.cos(0.5 * angle)])
+    thumb, finger = numbers(dhd.dhdGetGripperThumbPos, 3), numbers(dhd.dhdGetGripperFingerPos, 3)
+    assert np.linalg.norm(np.subtract(thumb, finger)) == pytest.approx(0.012)
+    assert numbers(dhd.dhdGetForceAndTorqueAndGripperForce, 7)[6] == 1.5
+
+
+def test_a_gripper_that_is_switched_off(sigma: tuple[ServedFile, Any]) -> None:
+    served, dhd = sigma
+    assert dhd.dhdEnableGripperForce(ctypes.c_ubyte(0), ANY) == 0
+    assert set_all(dhd, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 4.0) == 0
+    assert served.await_rest((0.0, 0.0, 1.0))[1] == 0.0
+    assert dhd.dhdEnableGripperForce(ctypes.c_ubyte(1), ANY) == 0
+    assert set_all(dhd, (0.0, 0.0, 2.0), (0.0, 0.0, 0.0), 4.0) == 0
+    assert served.await_rest((0.0, 0.0, 2.0))[1] == 4.0
+
+
+def test_torques_are_told_as_they_are_rendered(served: ServedFile, dhd: Any) -> None:
+    """Of a tool whose force alone is rendered there is none, though one is asked; and the other way round."""
+    asked = (0.1, 0.2, 0.3, 0.01, 0.02, 0.03)
+    for part, force, torque in ((0.0, (-0.2, 0.1, 0.3), (0, 0, 0)), (2.0, (-0.2, 0.1, 0.3), (-0.02, 0.01, 0.03)),
+                                (1.0, (0, 0, 0), (-0.02, 0.01, 0.03))):  # fmt: skip
+        served.publish(asked=asked, part=part, p=(0.0, 1e-3 * part, 0.05))
+        end = monotonic() + 2.0
+        while (found := numbers(dhd.dhdGetForceAndTorque, 6)) != pytest.approx([*force, *torque], abs=1e-12):
+            assert monotonic() < end, found
+
+
+def test_a_hand_begins_when_a_program_opens_the_device(
+    libraries: Path, monkeypatch: pytest.MonkeyPatch, served: ServedFile
+) -> None:
+    """Not when one counts the devices."""
+    monkeypatch.setenv("HAPTORB_RUN", str(served.path))
+    dhd = ctypes.CDLL(str(libraries / "libdrd.so.3"))
+    assert dhd.dhdGetDeviceCount() == 1
+    assert dhd.dhdGetAvailableCount() == 1
+    sleep(0.02)
+    assert not served.loop.shared.hand.begun
+    assert dhd.dhdOpen() >= 0
+    try:
+        end = monotonic() + 1.0
+        while not served.loop.shared.hand.begun:
+            assert monotonic() < end
+    finally:
+        dhd.dhdClose(ANY)
+
+
+def test_a_motor_shows_its_object(libraries: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Place, orientation and angular velocity of the object, in ten times its size; the force that comes back."""
+    with ServedFile("pmsm", limit=100.0) as served:
+        monkeypatch.setenv("HAPTORB_RUN", str(served.path))
+        dhd = ctypes.CDLL(str(libraries / "libdrd.so.3"))
+        assert dhd.dhdOpen() >= 0
+        try:
+            dhd.dhdSetTimeGuard(0, ANY)
+            turned = (0.0, 0.0, np.sin(0.1), np.cos(0.1))
+            served.publish(
+                object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), w=(9.0, 9.0, 9.0), gain=0.5,
+                share=(1.0, 0.0), object_wrench=(2.0, 4.0, 6.0, 1.0, 1.0, 1.0),
+            )  # fmt: skip
+            await_position(dhd, (-0.02, 0.01, 0.03))
+            matrix = (ctypes.c_double * 9)()
+            assert dhd.dhdGetOrientationFrame(matrix, ANY) == 0
+            assert np.reshape(matrix, (3, 3)) == pytest.approx(rotation_from_euler(0.0, 0.0, 0.2))
+            assert numbers(dhd.dhdGetAngularVelocityRad, 3) == pytest.approx([0.0, 0.0, 0.0])
+            assert numbers(dhd.dhdGetForceAndTorque, 6) == pytest.approx([-2.0, 1.0, 3.0, 0.0, 0.0, 0.0])
+            limits = served.loop.device.limits
+            assert set_all(dhd, (0.0, 0.0, 1e3), (0.0, 0.0, 1e3), 0.0) == 2
+            torque, _ = served.await_rest((0.0, 0.0, limits.torque / 0.024))
+            assert torque == pytest.approx([0.0, 0.0, limits.torque / 0.25])
         finally:
             dhd.dhdClose(ANY)
 

@@ -125,6 +125,26 @@ class Driver(ABC):
             If the device does not respond in time.
         """
 
+    def squeeze(self, force: float) -> float:
+        """Apply a force to the device's gripper, within the tick, after `write`; by default there is none.
+
+        Parameters
+        ----------
+        force : float
+            Force between thumb and finger, positive to open [N].
+
+        Returns
+        -------
+        float
+            Force that is actually commanded [N].
+
+        Raises
+        ------
+        DriverError
+            If the device does not respond in time.
+        """
+        return 0.0
+
     @property
     def coil_state(self) -> CoilState:
         """Whether current can flow, as confirmed by the device. OFF only if the device confirmed it: UNKNOWN

@@ -53,6 +53,10 @@ class HandTarget(Protocol):
     def still(self) -> bool:
         """Whether the hand rests and yields to forces."""
 
+    @property
+    def grip(self) -> float:
+        """Opening to which thumb and finger of a gripper move [m]; NaN: they are relaxed."""
+
 
 @final
 class SimDriver(Driver):
@@ -104,6 +108,7 @@ class SimDriver(Driver):
     def _start(self) -> None:
         channels = self.simulation.device.channels
         self._duties = np.zeros(channels)
+        self._squeezed, self._grip = 0.0, np.nan  # force on the gripper [N], goal of thumb and finger [m]
         self._clock: float | None = None  # time of the simulation
         self._hand = RelaxedHand()
         self._ready: Sample | None = None  # sample of `prepare`, not yet read by the loop
@@ -117,8 +122,9 @@ class SimDriver(Driver):
         self._open = True
 
     def close(self) -> None:
-        """Coils off."""
+        """Coils and gripper off."""
         self._duties = np.zeros(self.simulation.device.channels)
+        self._squeezed = 0.0  # safety: gripper-closed-off
         self._ready = None  # safety: prepared-dropped
         self._open = False
 
@@ -145,6 +151,8 @@ class SimDriver(Driver):
         if self.goal is not None:
             wish = self.goal(now)
             target[:3], target[3:] = wish.p, wish.q
+            if self.simulation.gripper is not None:
+                self._grip = wish.grip
             if wish.still:
                 target[:] = self._rest(now)
             if wish.held:
@@ -154,6 +162,8 @@ class SimDriver(Driver):
             if self.goal is not None:
                 with suppress(InputError):  # the hand begins at its goal, if that is a valid pose
                     self.simulation.place(target[:3], target[3:])
+                if self.simulation.gripper is not None:
+                    self.simulation.gripper.reset(self._grip)
             self._clock = now
         periods = round((now - self._clock) / self._period)
         if periods < 0:
@@ -164,11 +174,17 @@ class SimDriver(Driver):
             # The watchdog of a board: coils off if the loop is silent for that time.
             # safety: simulated-watchdog
             if passed > self._silence + 1e-9:  # tolerance for rounding of the sum of periods
-                self.simulation.advance(self._silence, self._duties, target[:3], target[3:])
+                self._advance(self._silence)
                 passed -= self._silence
-                self._duties = np.zeros_like(self._duties)
-            self.simulation.advance(passed, self._duties, target[:3], target[3:])
+                self._duties, self._squeezed = np.zeros_like(self._duties), 0.0
+            self._advance(passed)
         return self.simulation.sample(now, stamp if valid else now, valid)
+
+    def _advance(self, dt: float) -> None:
+        """Let `dt` [s] pass in the simulation."""
+        self.simulation.advance(dt, self._duties, self._target[:3], self._target[3:])
+        if self.simulation.gripper is not None:
+            self.simulation.gripper.advance(dt, self._squeezed, self._grip)
 
     def _rest(self, now: float) -> Array:
         """Pose (7,) of a hand that rests at the target."""
@@ -183,6 +199,11 @@ class SimDriver(Driver):
         if self._open:
             self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
+
+    def squeeze(self, force: float) -> float:
+        """Command `force` [N] of the gripper until the next; return it, zero when not open or without a gripper."""
+        self._squeezed = force if self._open and self.simulation.gripper is not None else 0.0
+        return self._squeezed
 
     def cool(self) -> None:
         """Set the coils to the ambient temperature, also in a sample that was prepared before."""
@@ -258,6 +279,10 @@ class ImperfectTracker(Driver):
     def write(self, duties: Array) -> Array:
         """Apply `duties` (m,), −1…1 [1], as `inner` does; return those applied (m,)."""
         return self._inner.write(duties)
+
+    def squeeze(self, force: float) -> float:
+        """As `inner` does, `force` [N]."""
+        return self._inner.squeeze(force)
 
     @property
     def coil_state(self) -> CoilState:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from math import ulp
+from math import nan, ulp
 from typing import TYPE_CHECKING, NamedTuple, final
 
 from haptorb.arrays import Array, record
@@ -159,6 +159,7 @@ class Goal:
     stamp  time of the goal on the loop's clock [s]: a pointer that is no longer refreshed ages
     held   the user holds the pointer; False: the guided motion
     still  the guided motion is over, and the hand rests: it yields to forces
+    grip   opening to which thumb and finger of a gripper move [m]; NaN: they are relaxed
     """
 
     p: Array
@@ -166,6 +167,7 @@ class Goal:
     stamp: float
     held: bool
     still: bool = False
+    grip: float = nan
 
 
 class Tracker(ABC):
