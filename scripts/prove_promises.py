@@ -224,6 +224,10 @@ BREAKS = (
         "--kills 4",
     ),
     *(
+        Break("Torque and gripper force of a program", "pytest tests/runtime/tick/test_client_force.py", change)
+        for change in ("client-torque-rate", "client-fades-from-limit", "gripper-off-in-silence")
+    ),
+    *(
         Break("Through these libraries one program", "pytest tests/serve/native/test_server.py", change)
         for change in (
             "native-own-commands-only",

@@ -58,6 +58,7 @@ FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/run
 SENDER_TESTS = "tests/runtime/trackers/test_sender_clock.py"
 FRAME_TESTS = "tests/estimation/tracker_frame/test_frame_registration.py"
 NATIVE_TESTS = "tests/serve/native/test_server.py"
+CLIENT_TESTS, GRIPPER_TESTS = "tests/runtime/tick/test_client_force.py", "tests/control/test_gripper_guard.py"
 OSC_TESTS = "tests/serve/osc/test_osc_session.py::test_without_the_token_nothing_happens"
 SERVED_TESTS, ACCESS_TESTS = "tests/serve/test_served_device.py", "tests/serve/test_server_choice.py"
 OSC_LATE_TESTS = "tests/serve/osc/test_osc_session.py::test_what_waited_in_the_socket_is_not_felt_and_changes_no_world"
@@ -280,6 +281,20 @@ RULES = [
     ("client-loss-fades", "a client whose connection is lost leaves no force", "without 2", REMOTE_TESTS),
     ("client-force-finite", "a client's force that is no number is none", "always", REMOTE_TESTS),
     ("client-force-limit", "no force of a client is greater than the world's limit", "only 1 of value", REMOTE_TESTS),
+    ("client-torque-finite", "a client's torque that is no number is none", "always", REMOTE_TESTS),
+    ("client-gripper-finite", "nor is its gripper force", "always", REMOTE_TESTS),
+    ("client-gripper-limit", "nor is it greater than the world's limit", "replace value by fade * force", REMOTE_TESTS),
+    (
+        "client-fades-from-limit",
+        "a client's force above the device's is gone in the same time",
+        "replace value by (100.0, 10.0)",
+        CLIENT_TESTS,
+    ),
+    ("gripper-off-with-coils", "the gripper's force is off with the coils", "never", GRIPPER_TESTS),
+    ("gripper-clamped", "it is no greater than the gripper's", "replace value.body by wanted", GRIPPER_TESTS),
+    ("gripper-force-rate", "and changes at its rate", "replace value by goal - self._force", GRIPPER_TESTS),
+    ("gripper-closed", "a closed driver squeezes nothing", "replace value by True", CLIENT_TESTS),
+    ("gripper-off-in-silence", "nor does one that was not read", "never", CLIENT_TESTS),
     ("clients-pass-zero", "another client or mapping is felt after zero", "replace value.test by True", PASS_TESTS),
     ("client-force-rate", "a client's force changes at the device's rate", "replace value.args[3] by 1e9", PASS_TESTS),
     ("client-torque-rate", "so does the torque that it causes", "replace value.args[3] by 1e9", PASS_TESTS),

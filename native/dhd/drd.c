@@ -260,9 +260,7 @@ EXPORT int drdStop(bool keep_forces, char ID)
 
     if (device == NULL)
         return -1;
-    if (!drd_runs(device))
-        return dhd_fail(DHD_ERROR_NO_REGULATION, "call drdStart first");
-    drd_end(device);
+    drd_end(device); /* programs stop what drdAutoInit starts, too, which starts nothing here */
     if (!keep_forces) {
         const double none[3] = {0.0, 0.0, 0.0};
         link_command(device->link, none, none, 0.0);

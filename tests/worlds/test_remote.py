@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.devices.base import State
+from haptorb.devices.loader import load
 from haptorb.worlds import Remote, Terrain, Wall
 from haptorb.worlds.dynamic import FADE, HOLD, BoundWorld, make_client_force
 
@@ -39,7 +40,7 @@ def test_nobody_commands_nothing():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_what_is_no_number_is_no_force_and_leaves_the_memory_finite(bad):
-    for where in ("force", "age", "lost", "session"):
+    for where in ("force", "age", "lost", "session", "torque", "gripper"):
         bound = BoundWorld(Remote(), 1e-3)
         bound.client["session"], bound.client["force"] = 1.0, (0.1, 0.0, 0.0)
         bound.client[where] = bad
@@ -52,6 +53,29 @@ def test_no_force_is_greater_than_the_limit_however_large_the_numbers():
         wrench, _ = feel(Remote(limit=2.0), force)
         assert np.linalg.norm(wrench[:3]) == pytest.approx(2.0)
         assert np.sign(wrench[:3]).tolist() == np.sign(force).tolist()
+
+
+def test_torque_and_gripper_force_have_limit_and_fade_of_a_force():
+    bound = BoundWorld(Remote(torque_limit=0.5, gripper_limit=2.0), 1e-3)
+    client = bound.client
+    client["session"], client["torque"], client["gripper"] = 1.0, (3e8, 0.0, 4e8), -1e9
+    assert bound.wrench(STATE) == pytest.approx([0, 0, 0, 0.3, 0.0, 0.4])
+    assert bound.gripper_force == -2.0
+    client["age"] = HOLD + FADE / 2
+    assert bound.wrench(STATE) == pytest.approx([0, 0, 0, 0.15, 0.0, 0.2])
+    assert bound.gripper_force == pytest.approx(-1.0)
+    client["lost"] = FADE
+    assert not bound.wrench(STATE).any()
+    assert bound.gripper_force == 0.0
+
+
+def test_limits_are_those_of_the_device():
+    """A motor's are those on its object; a world may be weaker, but not stronger."""
+    sigma, arm, motor = (Remote().for_device(load(name)) for name in ("arm-sigma", "arm", "pmsm"))
+    assert (sigma.limit, sigma.torque_limit, sigma.gripper_limit) == (20.0, 0.4, 8.0)
+    assert (arm.limit, arm.gripper_limit) == (12.0, 0.0)
+    assert (motor.limit, motor.torque_limit) == pytest.approx((1.0 / 0.024, 1.0 / 0.25))
+    assert Remote(limit=3.0).for_device(load("arm")).limit == 3.0
 
 
 def test_it_is_active_alone_and_in_a_sum_and_adds_to_worlds_of_both_kinds():

@@ -9,10 +9,12 @@ from haptorb.analysis.array_errors import array_errors
 from haptorb.analysis.electromagnet_errors import tool_errors
 from haptorb.analysis.error_budget import ErrorModel
 from haptorb.analysis.motor_errors import motor_errors
+from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, device_function, unsupported
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
+from haptorb.errors import InputError
 from haptorb.estimation.calibration import Calibration
 
 __all__ = ["error_model"]
@@ -32,6 +34,20 @@ def error_model(
     kind without an error model, and for what the device cannot give or have; UnknownName for another estimator.
     """
     raise unsupported(device, "`haptorb inspect --errors`", error_model)
+
+
+@error_model.register
+def _(
+    device: Arm, asked: float | None = None, estimator: str | None = None, calibration: Calibration | None = None
+) -> ErrorModel[Any, Any]:
+    """None: raises InputError with what is known of an arm's errors."""
+    step, supply, per_ampere = device.encoder.step, device.supply, device.force_per_ampere
+    raise InputError(
+        f"there is no error budget of '{device.name}': the file of a haptic arm states no tolerances. Known are steps "
+        f"of position ({1e3 * step:g} mm), steps and noise of the current "
+        f"({1e3 * per_ampere * supply.current_step:.3g} and {1e3 * per_ampere * supply.current_noise:.3g} mN) and dry "
+        f"friction ({device.effector.coulomb:g} N); `haptorb inspect {device.name}` shows the rest"
+    )
 
 
 error_model.register(SphericalElectromagnet, tool_errors)

@@ -7,6 +7,7 @@ import pytest
 
 from haptorb.control.trips import GuardState
 from haptorb.devices.loader import load
+from haptorb.errors import DriverError
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
@@ -189,3 +190,18 @@ def test_another_clients_gripper_force_passes_zero():
     force = grip(rig, 60, 8.0, session=2.0)[0]
     assert force.min() == 0.0
     assert force[-1] == pytest.approx(8.0)
+
+
+def test_a_gripper_is_off_in_a_tick_in_which_the_device_is_silent(monkeypatch):
+    rig = Rig("arm-sigma", Remote())
+    grip(rig, 700, 5.0)
+    squeezed, squeeze, read = [], rig.tick.driver.squeeze, rig.tick.driver.read
+
+    def fail(now):
+        read(now)
+        raise DriverError("no answer")
+
+    monkeypatch.setattr(rig.tick.driver, "squeeze", lambda force: squeezed.append(force) or squeeze(force))
+    monkeypatch.setattr(rig.tick.driver, "read", fail)
+    grip(rig, 1, 5.0)
+    assert squeezed == [0.0]

@@ -424,6 +424,8 @@ def test_regulation_is_a_spring_on_the_way(served: ServedFile, dhd: Any) -> None
     block = ctypes.c_ubyte(1)
     assert dhd.drdMoveToPos(x, y, z, block, ANY) == -1
     assert b"no regulation" in dhd.dhdErrorGetLastStr()
+    assert dhd.drdAutoInit(ANY) == 0
+    assert dhd.drdStop(ctypes.c_ubyte(1), ANY) == 0, "as the maker's own examples do after drdAutoInit"
     assert dhd.drdStart(ANY) == 0
     assert dhd.drdMoveToPos(ctypes.c_double(1.0), y, z, block, ANY) == -1
     assert b"outside of the device's workspace" in dhd.dhdErrorGetLastStr()

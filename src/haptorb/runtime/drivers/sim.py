@@ -124,7 +124,7 @@ class SimDriver(Driver):
     def close(self) -> None:
         """Coils and gripper off."""
         self._duties = np.zeros(self.simulation.device.channels)
-        self._squeezed = 0.0  # safety: gripper-closed-off
+        self._squeezed = 0.0
         self._ready = None  # safety: prepared-dropped
         self._open = False
 
@@ -202,7 +202,8 @@ class SimDriver(Driver):
 
     def squeeze(self, force: float) -> float:
         """Command `force` [N] of the gripper until the next; return it, zero when not open or without a gripper."""
-        self._squeezed = force if self._open and self.simulation.gripper is not None else 0.0
+        able = self._open and self.simulation.gripper is not None  # safety: gripper-closed
+        self._squeezed = force if able else 0.0
         return self._squeezed
 
     def cool(self) -> None:
