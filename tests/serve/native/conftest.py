@@ -72,17 +72,10 @@ class ServedFile:
             assert monotonic() < end, f"the loop has {force} N, not {wanted}"
             sleep(0.001)
 
-    def await_rest(
-        self, force: tuple[float, ...], patience: float = 2.0, torque: tuple[float, ...] | None = None
-    ) -> tuple[list[float], float]:
-        """Torque [N·m] and gripper force [N] that come with this force [N]; wait for it, and for `torque`."""
-        end = monotonic() + patience
-        while True:
-            self.await_force(force, patience)
-            found = self.loop._client["torque"][0].tolist(), float(self.loop._client["gripper"][0])
-            if torque is None or found[0] == pytest.approx(torque, abs=1e-12):
-                return found
-            assert monotonic() < end, found
+    def await_rest(self, force: tuple[float, ...]) -> tuple[list[float], float]:
+        """Torque [N·m] and gripper force [N] that come with this force [N], for which it waits."""
+        self.await_force(force)
+        return self.loop._client["torque"][0].tolist(), float(self.loop._client["gripper"][0])
 
     def __enter__(self) -> Self:
         self.loop.__enter__()

@@ -563,8 +563,8 @@ def test_force_and_torque_one_after_the_other(sigma: tuple[ServedFile, Any]) -> 
 
 def test_torque_and_gripper_end_with_the_program(sigma: tuple[ServedFile, Any]) -> None:
     served, dhd = sigma
-    assert set_all(dhd, (0.0, 0.0, 0.0), (0.0, 0.0, 0.2), 4.0) == 0
-    served.await_rest((0.0, 0.0, 0.0), torque=(0.0, 0.0, 0.2))
+    assert set_all(dhd, (0.0, 0.0, 1.0), (0.0, 0.0, 0.2), 4.0) == 0
+    assert served.await_rest((0.0, 0.0, 1.0)) == ([0.0, 0.0, 0.2], 4.0)
     assert dhd.dhdClose(ANY) == 0
     end = monotonic() + 1.0
     while served.loop._client["lost"][0] <= 0.0:
