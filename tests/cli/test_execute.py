@@ -141,7 +141,7 @@ def test_a_program_with_torque_and_gripper(tmp_path: Path) -> None:
     assert turned < -0.2, "about z, by 50 mN·m against 0.15 N·m/rad"
     rows = Recording(recording)
     assert rows.metadata["run"]["hand_start"] == "program"
-    t, target = np.asarray(rows["hand_t"]), np.asarray(rows["target"])
+    t, target = np.asarray(rows["hand_t"]), np.asarray(rows["hand_goal"])
     before = np.isnan(t)
     assert before[0], "the hand waits for the program"
     assert not target[before].any()
@@ -203,7 +203,7 @@ def test_a_program_on_a_motor(libraries: Path, tmp_path: Path) -> None:
     assert found["rotate"] == pytest.approx([0.0, 0.0, 0.0, 0.4, 0.3, 0.2], abs=1e-3)
     assert np.abs(p).max() < 0.2
     rows = run.recording
-    mode, share, asked = (np.asarray(rows[name]) for name in ("mode", "share", "asked"))
+    mode, share, asked = (np.asarray(rows[name]) for name in ("mode", "share", "wrench_commanded"))
     q = np.asarray(rows["q"])
     upright = np.abs(q[:, :2]).max(axis=1) < 0.15
     pushed = (mode == 1) & (share[:, 0] == 1.0) & (np.abs(rows["object_wrench"][:, 2] - 4.0) < 1e-6) & upright

@@ -75,7 +75,7 @@ def test_a_clients_torque_is_rendered(device):
     assert rig.row[rig.tick.layout["part"]][0] == (-1.0 if device == "arm-sigma" else 0.0)
     asked = rig.go(300, (0.0, 0.0, 0.1), torque=(0.0, size, 0.0))[-1]
     assert asked == pytest.approx([0.0, 0.0, 0.1, 0.0, size, 0.0], abs=1e-9)
-    given = rig.row[rig.tick.layout["given"]]
+    given = rig.row[rig.tick.layout["wrench_actual"]]
     if device == "arm-sigma":
         assert given[3:] == pytest.approx(asked[3:], abs=0.02 * size)
         assert given[:3] == pytest.approx(asked[:3], abs=0.02)
@@ -103,7 +103,7 @@ def test_the_currents_of_a_torque_change_at_its_rate():
     """An arm that is turned is held at a lever: its torque counts in the limits on currents, and in the energy."""
     rig = Rig("arm-sigma", Remote())
     rig.go(600, (0.0, 0.0, 0.0), torque=TURN)
-    at, rate = rig.tick.layout["wanted"], rig.device.limits.torque_rate
+    at, rate = rig.tick.layout["current_commanded"], rig.device.limits.torque_rate
     assert rig.tick.protection.state["passivity"]["arm"][0] == pytest.approx(rig.device.turning_arm)
     before = rig.row[at].copy()
     for _ in range(30):

@@ -615,7 +615,7 @@ def test_torques_are_told_as_they_are_rendered(served: ServedFile, dhd: Any) -> 
     asked = (0.1, 0.2, 0.3, 0.01, 0.02, 0.03)
     for part, force, torque in ((0.0, (-0.2, 0.1, 0.3), (0, 0, 0)), (2.0, (-0.2, 0.1, 0.3), (-0.02, 0.01, 0.03)),
                                 (1.0, (0, 0, 0), (-0.02, 0.01, 0.03))):  # fmt: skip
-        served.publish(asked=asked, part=part, p=(0.0, 1e-3 * part, 0.05))
+        served.publish(wrench_commanded=asked, part=part, p=(0.0, 1e-3 * part, 0.05))
         end = monotonic() + 2.0
         while (found := numbers(dhd.dhdGetForceAndTorque, 6)) != pytest.approx([*force, *torque], abs=1e-12):
             assert monotonic() < end, found
