@@ -17,8 +17,10 @@ import pytest
 
 from haptorb import Recording
 from haptorb.arrays import Array, StateArray
+from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError, RecordingError
 from haptorb.recording.mcap import Recorder
+from haptorb.recording.row import RowLayout
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays, unpack_arrays
 from haptorb.replay.parallel import replay_in_parts
 from haptorb.replay.recorded_run import list_memory_fields
@@ -407,7 +409,7 @@ def test_parts_at_once_find_what_one_after_the_other_does(
 
     def change(rows: Array) -> None:
         if planted is not None:
-            rows[planted, -60] += 1.0
+            rows[planted, RowLayout.of(load("omni"))["duty_commanded"].stop - 1] += 1.0
 
     whole = record_chain(tmp_path / "run.mcap", deeds=deeds, change=change)
     path = tmp_path / "kept.mcap"

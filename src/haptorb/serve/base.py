@@ -245,6 +245,11 @@ class ServedDevice:
 # Preparation of a server before the servo starts: settings and open ports.
 
 
+def _describe_nothing(device: Device) -> tuple[str, ...]:
+    """No lines on what programs will see of `device`."""
+    return ()
+
+
 @dataclass
 class ServerPreparation:
     """Settings and open sockets of a server that is ready to start.
@@ -260,7 +265,7 @@ class ServerPreparation:
     address: str
     descriptors: list[int] = field(default_factory=list)
     remarks: tuple[str, ...] = ()
-    describe: Callable[[Device], tuple[str, ...]] = lambda device: ()
+    describe: Callable[[Device], tuple[str, ...]] = _describe_nothing
 
     def close(self) -> None:
         """Close this process's copies of the sockets. May be called twice."""
