@@ -33,7 +33,6 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.types import Estimator, Pose, Sample
-from haptorb.magnetics.magnets import RingMagnet
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
@@ -159,35 +158,14 @@ def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int) 
 
 
 def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Trial]:
-    """One motor after the other, the regions in turn. Field sensors are drawn by the simulation itself."""
-    known, number, tables = device.uncertainty, 0, device.tables
-    rotor, regulator = device.rotor, device.regulator
-    assert regulator is not None
-    series, least = regulator.series
-    coils = len(device.groups)
-    alone = replace(device, groups=np.eye(coils), coils=replace(device.coils, names=("",) * coils))
-    single = alone.sensor_field_per_ampere  # (c, 3 k) of each single coil [T/A]
+    """One motor after the other, the regions in turn. The simulation draws magnets, coils, regulator, weight and field
+    sensors."""
+    known, number = device.uncertainty, 0
     while True:
         rng = np.random.default_rng([seed, number])
         region = number % 3
         warm = 1 + known.remanence_drift * known.magnet_temperature * rng.standard_normal()
-        common = warm * (1 + known.polarization * rng.standard_normal())
-        spread = 1 + known.polarization_spread * rng.standard_normal(len(device.polarity))
-        strengths = 1 + known.coil * rng.standard_normal(coils)
-        ring, stronger = regulator.rotor_ring, 1 + known.regulator * rng.standard_normal()
-        ring = RingMagnet(ring.outer_radius, ring.inner_radius, ring.length, stronger * ring.polarization)
-        true = replace(
-            device,
-            polarity=device.polarity * common * spread,
-            groups=device.groups * strengths[:, None],
-            regulator=replace(regulator, rotor_ring=ring),
-            rotor=replace(rotor, centre_of_mass=rotor.centre_of_mass * (1 + known.weight * rng.standard_normal())),
-            **draw_electronics(device, rng),
-        )
-        # What takes seconds to compute goes with these factors: the magnets' strengths are no part of the tables.
-        vars(true)["tables"] = tables
-        vars(true)["sensor_field_per_ampere"] = true.groups.T @ single
-        vars(true.regulator)["series"] = (stronger * series, least)
+        true = replace(device, polarity=device.polarity * warm, **draw_electronics(device, rng))
         wrong = draw_wrong_reading(device, rng, 0.0, 0.0)
         while True:
             tilts = rng.uniform(-1, 1, 2)

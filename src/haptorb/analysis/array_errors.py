@@ -12,6 +12,7 @@ from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, ch
 from haptorb.analysis.error_sources import (
     ChainTrial,
     CurrentLoop,
+    Effect,
     add_to,
     current_sources,
     find_origin,
@@ -23,7 +24,7 @@ from haptorb.arrays import Array
 from haptorb.control.array_allocation import array_allocator
 from haptorb.control.capability import array_capability
 from haptorb.devices.base import State, rotation_to_axis
-from haptorb.devices.coil_array import CoilArray, array_wrench, place_coils
+from haptorb.devices.coil_array import CoilArray, PlacedCoils, array_wrench, place_coils
 from haptorb.devices.electromagnet import FORCE_JND
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration import Calibration
@@ -160,6 +161,17 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
 ARRAY_SOURCES_ESTIMATORS = ("tracker",)
 
 
+def move_edges(windings: PlacedCoils) -> Effect:
+    """Change the field of each coil by its inner and outer radius, through the area of its mean turn."""
+    inner, outer = windings.inner_radius, windings.outer_radius
+    per_metre = np.stack([outer + 2 * inner, inner + 2 * outer]) / (outer**2 + outer * inner + inner**2)
+
+    def change(trial: ArrayTrial, metres: Array) -> None:
+        trial.turns += (per_metre * metres.reshape(per_metre.shape)).sum(axis=0)
+
+    return change
+
+
 def array_errors(
     device: CoilArray,
     asked: float | None = None,
@@ -189,6 +201,9 @@ def array_errors(
         source("positions of the coils", built.position, "m", origin_of_build("position"), 3 * m, add_to("shift")),
         source("axes of the coils", built.tilt, "rad", origin_of_build("tilt"), 3 * m, add_to("lean")),
         source("field per ampere of the coils", built.strength, "1", origin_of_build("strength"), m, add_to("turns")),
+        source(
+            "edges of the windings", built.winding, "m", origin_of_build("winding"), 2 * m, move_edges(device.windings)
+        ),
         source("tracked position", known.place, "m", origin("place"), 3, add_to("place")),
         source("tracked orientation", known.axis, "rad", origin("axis"), 3, add_to("turn")),
         *current_sources(device, known, known.current_offset),

@@ -52,6 +52,7 @@ __all__ = [
     "MoverMagnet",
     "PlacedCoils",
     "Surface",
+    "add_core",
     "array_geometry",
     "array_wrench",
     "check_magnets",
@@ -212,12 +213,12 @@ def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
         out[3, j], out[4, j], out[5, j] = turns * tx, turns * ty, turns * tz
     passive[:] = 0.0
     if a.core_radius > 0.0:
-        return _add_core(a, pose, out, passive, status)
+        return add_core(a, pose, out, passive, status)
     return status
 
 
 @kernel
-def _add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int) -> int:
+def add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int) -> int:
     """What the core answers to the coils, added to out (6, m), and to the magnets themselves, to passive (6,)."""
     p = pose[3]
     placed = np.empty((7, a.core_charges.shape[1]))
@@ -460,6 +461,7 @@ class BuildTolerance:
     position: float = 0.0  #: along each axis [m]
     tilt: float = 0.0  #: about each axis across the coil's own [rad]
     strength: float = 0.0  #: relative, of the turns
+    winding: float = 0.0  #: inner radius, outer radius and length of each coil [m]
 
 
 @dataclass(frozen=True, kw_only=True)

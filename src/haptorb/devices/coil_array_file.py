@@ -187,7 +187,14 @@ class ToleranceSection(Section):
     )
     tilt: Annotated[q.Angle, Field(ge=0, le=0.5), m.Meaning("standard deviation of a coil's axis")] = 0.0
     strength: Annotated[
-        q.Number, Field(ge=0, le=0.5), m.Meaning("relative standard deviation of a coil's field per ampere")
+        q.Number,
+        Field(ge=0, le=0.5),
+        m.Meaning("relative standard deviation of a coil's turns, and so of its field per ampere"),
+    ] = 0.0
+    winding: Annotated[
+        q.Length,
+        Field(ge=0, le=0.003),
+        m.Meaning("standard deviation of a coil's inner radius, outer radius and length"),
     ] = 0.0
 
     def build(self) -> BuildTolerance:

@@ -38,7 +38,7 @@ from haptorb.devices.motor_model import (
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.tables import Progress
 from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance, tilted_axes
-from haptorb.devices.uncertainty import MotorUncertainty
+from haptorb.devices.uncertainty import MotorTolerance, MotorUncertainty
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
@@ -188,6 +188,8 @@ class SphericalMotor(Device):
         Objections of the validation that were overridden.
     magnet_use : MagnetUse
         Grade and greatest temperature of the magnets.
+    tolerance : MotorTolerance or None
+        Standard deviations of what is built, for the simulation; None: exactly the file's values.
 
     Notes
     -----
@@ -217,6 +219,7 @@ class SphericalMotor(Device):
     uncertainty: MotorUncertainty = dataclasses_field(default_factory=lambda: MotorUncertainty.model_validate({}))
     findings: tuple[str, ...] = ()
     magnet_use: MagnetUse = ANY_MAGNET
+    tolerance: MotorTolerance | None = dataclasses_field(default_factory=lambda: MotorTolerance.model_validate({}))
 
     models: tuple[str, ...] = ("table", "exact", "published", "dipole")
 

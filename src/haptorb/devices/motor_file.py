@@ -47,7 +47,7 @@ from haptorb.devices.schema import (
     limit_currents,
     list_limit_mistakes,
 )
-from haptorb.devices.uncertainty import MotorUncertainty
+from haptorb.devices.uncertainty import MotorTolerance, MotorUncertainty
 from haptorb.errors import DeviceError, quote
 from haptorb.magnetics.coil import Coil as CoilCoil
 from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
@@ -368,6 +368,12 @@ class MotorFile(Section):
         m.Meaning("two opposed ring magnets that hold the rotor up"),
         m.Without("none: only the currents hold it up"),
     ] = None
+    tolerance: Annotated[
+        MotorTolerance,
+        m.Meaning("standard deviations of what is built from the file, for the simulation"),
+        m.Without("the defaults below"),
+        Field(default_factory=MotorTolerance),
+    ]
     uncertainty: Annotated[
         MotorUncertainty,
         m.Meaning("standard uncertainties of assumed or measured values, for `haptorb inspect --errors`"),
@@ -434,6 +440,7 @@ class MotorFile(Section):
             rotor=Rotor(**{**self.rotor.model_dump(), "inertia": np.array(self.rotor.inertia)}),
             regulator=self._regulator(),
             uncertainty=self.uncertainty,
+            tolerance=self.tolerance,
             magnet_use=MagnetUse(m.grade, m.greatest_temperature),
         )
 

@@ -18,6 +18,7 @@ __all__ = [
     "ArrayUncertainty",
     "ChainUncertainty",
     "ElectromagnetTolerance",
+    "MotorTolerance",
     "MotorUncertainty",
     "Share",
     "ToolUncertainty",
@@ -174,6 +175,51 @@ class ElectromagnetTolerance(Section):
 
 
 # --------------------------------------------------------------------------------------------------
+# How a spherical motor may be built: [tolerance] of its file.
+
+
+class MotorTolerance(Section):
+    """[tolerance] of a spherical motor; `MotorTolerance()` has the defaults.
+
+    Standard deviations; what is built lies within √3 of them, everything there alike likely.
+
+    >>> MotorTolerance().position
+    0.00017
+    """
+
+    winding: Annotated[
+        q.Length,
+        m.Meaning("inner radius, outer radius and length of each coil"),
+        Field(default="0.17 mm", validate_default=True, ge=0, le=0.003),
+    ]
+    position: Annotated[
+        q.Length,
+        m.Meaning("centre of each coil, along each axis"),
+        Field(default="0.17 mm", validate_default=True, ge=0, le=0.003),
+    ]
+    tilt: Annotated[
+        q.Angle,
+        m.Meaning("axis of each coil, about each axis across it"),
+        Field(default="0.58 deg", validate_default=True, ge=0, le=0.2),
+    ]
+    turns_per_layer: Annotated[
+        q.Number,
+        m.Meaning("turns of each layer of a coil"),
+        Field(default=0.58, validate_default=True, ge=0, le=10),
+    ]
+    magnet_position: Annotated[
+        q.Length,
+        m.Meaning("centre of each magnet in the rotor, along each axis"),
+        Field(default="0.058 mm", validate_default=True, ge=0, le=0.003),
+    ]
+    magnet_tilt: Annotated[
+        q.Angle,
+        m.Meaning("axis of each magnet, about each axis across it"),
+        Field(default="0.29 deg", validate_default=True, ge=0, le=0.2),
+    ]
+
+
+# --------------------------------------------------------------------------------------------------
 # Standard uncertainties of a spherical motor: [uncertainty] of its file.
 
 
@@ -181,7 +227,7 @@ class MotorUncertainty(ChainUncertainty):
     """[uncertainty] of a spherical motor; `MotorUncertainty()` has the defaults.
 
     >>> MotorUncertainty().coil
-    0.01
+    0.05
     """
 
     current_offset: Annotated[
@@ -197,8 +243,10 @@ class MotorUncertainty(ChainUncertainty):
     ]
     coil: Annotated[
         Share,
-        m.Meaning("torque per ampere of each coil, relative: its position, winding and turns"),
-        Field(default=0.01, validate_default=True),
+        m.Meaning(
+            "torque per ampere of each coil, relative: position, axis, winding and turns, those of the magnets included"
+        ),
+        Field(default=0.05, validate_default=True),
     ]
     regulator: Annotated[
         Share, m.Meaning("torque of the regulator, relative"), Field(default=0.03, validate_default=True)

@@ -1,15 +1,13 @@
 """Simulation of a coil array with its tool and a hand, behind the driver interface.
 
-The truth is not what the controller knows: coils are off their places, askew and stronger or weaker than in the device
-file, within its `[tolerance]`; they have inductance and warm up, the moving tool induces a voltage in them, and sensors
-are noisy. Left out: mutual inductance between coils, eddy currents, the core's remanence.
+The array is one of those that may be built within the tolerances of its file (`built_array`), which no controller
+knows. Its coils have inductance and warm up, the moving tool induces a voltage in them, and sensors are noisy. Left
+out: mutual inductance between coils, eddy currents, the core's remanence.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import final
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +15,17 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Records, check_finite, fields, vectors
 from haptorb.compiled import kernel
 from haptorb.devices.base import State
-from haptorb.devices.coil_array import ArrayMap, CoilArray, PlacedCoils, array_wrench
+from haptorb.devices.coil_array import CoilArray
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.built_array import (
+    ArrayTruth,
+    draw_coils,
+    draw_strength,
+    fill_array_truth,
+    make_array_truth,
+)
 from haptorb.simulation.parts import (
     TOOL,
     coil_step,
@@ -38,7 +43,7 @@ from haptorb.simulation.parts import (
     set_goal,
 )
 
-__all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array", "draw_coils"]
+__all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array"]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -66,12 +71,12 @@ COIL_ARRAY = fields(
 
 
 @kernel
-def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array) -> None:
+def _renew(magnetics: ArrayTruth, R: Array, p: Array, newest: Array, change: Array) -> None:
     """Write the map at R (3, 3) and p (3,) [m] into `newest` (11, w), and its change into `change` (11, w)."""
-    count = magnetics.coils.shape[0]
+    count = magnetics.centres.shape[0]
     pose, passive, matrix = np.empty((4, 3)), np.empty(6), np.empty((6, count))
     pose[:3], pose[3] = R, p
-    array_wrench(magnetics, pose, matrix, passive)
+    fill_array_truth(magnetics, pose, matrix, passive)
     change[:] = -newest
     newest[:4, :3], newest[4, :6], newest[5:, :count] = pose, passive, matrix
     change += newest
@@ -81,7 +86,7 @@ def _renew(magnetics: ArrayMap, R: Array, p: Array, newest: Array, change: Array
 
 @kernel
 def advance_array(
-    array: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, magnetics: ArrayMap, held: Array
+    array: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, magnetics: ArrayTruth, held: Array
 ) -> None:
     """Advance `array` (1,) COIL_ARRAY and `coils` (m,) COIL by several steps of coils, core, tool, surface and hand.
 
@@ -131,26 +136,11 @@ _STEP_S = 2.5e-4  #: of the simulation [s]
 _INITIAL_MAP_AGE = 1_000_000  #: initial age, so that the map is computed at the first step [steps]
 
 
-def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:
-    """Coils of a `specimen` of `device` within its tolerances; reproducible for one file and number."""
-    coils, tolerance = device.windings, device.tolerance
-    draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen]))
-    shift, lean = draw.standard_normal((2, *coils.position.shape))
-    stronger = draw.standard_normal(len(coils.turns))
-    axis = coils.axis + tolerance.tilt * np.cross(lean, coils.axis)
-    return replace(
-        coils,
-        position=coils.position + tolerance.position * shift,
-        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
-        turns=coils.turns * (1.0 + tolerance.strength * stronger),
-    )
-
-
 @final
 class SimulatedCoilArray(CoilSimulation):
     """Coils, core, tool, surface and hand of `device`.
 
-    specimen: number of the device among its like, from 0: its coils' places are drawn with it; None: `seed`. held=False
+    specimen: number of the device among its like, from 0: coils and magnets are drawn with it; None: `seed`. held=False
     lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
 
     >>> from haptorb.devices.loader import load
@@ -165,7 +155,7 @@ class SimulatedCoilArray(CoilSimulation):
         self.device: CoilArray = device
         number = seed if specimen is None else specimen
         seed_noise(number)  # rejects an invalid specimen number
-        self._magnetics = device.compute_magnetics(draw_coils(device, number))
+        self._magnetics = make_array_truth(device, draw_coils(device, number), draw_strength(device, number))
         super().__init__(np.zeros(1, dtype=COIL_ARRAY), cold_coils(device), _STEP_S, device.supply.duty_bits)
         self._wrench: Array = self._state["wrench"][0]
         self._tool = self._state["tool"]

@@ -1,6 +1,7 @@
 """Simulation of a spherical motor with a hand on its handle, behind the driver interface.
 
-The coils have inductance, warm up, and feel the turning magnets as an electromotive force from the same torque
+The motor is one of those that may be built within the tolerances of its file (`built_motor`), which no controller
+knows. The coils have inductance, warm up, and feel the turning magnets as an electromotive force from the same torque
 characteristic that turns currents into torque; weight and regulator act on the rotor; the bearing rubs and the rotor
 stops at the edge of its workspace; 48 imperfect Hall sensors see the magnets and the coils. Not modelled: eddy currents
 (all parts but the magnets are non-magnetic, and the frame is taken as non-conducting), mutual inductance of the coils,
@@ -12,22 +13,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from math import cos
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, Record, Records, check_finite, fields
-from haptorb.compiled import kernel, pack, part
+from haptorb.compiled import kernel
 from haptorb.devices.base import State
 from haptorb.devices.field_sensors import SensorErrors, draw_sensors
 from haptorb.devices.motor import Grasp, SphericalMotor
 from haptorb.devices.motor_model import torque_over_sine
-from haptorb.devices.tables import sensor_field, torque_characteristic
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.built_motor import (
+    MotorTruth,
+    draw_motor,
+    fill_field,
+    fill_torque,
+    pack_truth,
+    unpack_truth,
+)
 from haptorb.simulation.parts import (
     coil_step,
     cold_coils,
@@ -45,14 +53,12 @@ __all__ = [
     "MOTOR",
     "ROTOR",
     "STRIDE",
-    "Magnetics",
     "SimulatedMotor",
     "advance",
     "angular_velocity",
     "kick",
     "limit_tilt",
     "make_rotor_record",
-    "pack_magnetics",
     "potential_energy",
     "sense",
     "turn",
@@ -185,38 +191,6 @@ MOTOR = fields(
 )
 
 
-class Magnetics(NamedTuple):
-    """Magnets, coils and sensors for compiled code."""
-
-    torque_cells: Array
-    torque_scale: float
-    field_cells: Array
-    field_scale: float
-    magnets: Array  #: (p, 3) rotor frame
-    coils: Array  #: (c, 3)
-    sensors: Array  #: (k, 3)
-    groups: Array  #: (c, m)
-    coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
-    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
-
-
-def pack_magnetics(m: Magnetics) -> Array:
-    """(n,) `m` packed for compiled code, each number in the unit [..] of its field."""
-    return pack(
-        (m.torque_scale, m.field_scale), m.torque_cells, m.field_cells, m.magnets, m.coils, m.sensors, m.groups,
-        m.coil_field, m.tilt_torque,
-    )  # fmt: skip
-
-
-@kernel
-def _unpack_magnetics(blob: Array) -> Magnetics:
-    one = part(blob, 0)
-    return Magnetics(
-        part(blob, 1), one[0, 0], part(blob, 2), one[0, 1], part(blob, 3), part(blob, 4), part(blob, 5), part(blob, 6),
-        part(blob, 7), part(blob, 8)[0],
-    )  # fmt: skip
-
-
 @kernel
 def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, wish: Array) -> None:
     """Advance `motor` (1,) MOTOR and `coils` (m,) COIL by several steps of rotor and coils.
@@ -224,10 +198,10 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
     The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
     steps as the rotor needs for STRIDE, in their middle.
 
-    magnetics as `pack_magnetics` made them; strength (p,) of the magnets; duties (m,); the hand goes to wish (4,) if
+    magnetics as `pack_truth` made them; strength (p,) of the magnets; duties (m,); the hand goes to wish (4,) if
     that is a quaternion, else to where it went.
     """
-    m, parts = motor[0], _unpack_magnetics(magnetics)
+    m, parts = motor[0], unpack_truth(magnetics)
     rotor, truth, dt, steps, channels = m.rotor, m.torque, m.dt, m.steps, coils.size
     R, w, K = np.empty((3, 3)), np.empty(3), np.empty((3, channels))
     passive, given, mean = np.empty(3), np.empty(3), np.empty(channels)
@@ -275,20 +249,12 @@ def _stride(rotor: Record, dt: float, most: int) -> int:
 
 
 @kernel
-def _characteristic(rotor: Record, ahead: float, parts: Magnetics, strength: Array, K: Array) -> None:
+def _characteristic(rotor: Record, ahead: float, parts: MotorTruth, strength: Array, K: Array) -> None:
     """Fill K (3, m) [N·m/A] as predicted `ahead` [s] from now for a free rotation of the rotor."""
-    q, momentum, R = rotor.q.copy(), rotor.momentum.copy(), np.empty((1, 3, 3))
+    q, momentum, R = rotor.q.copy(), rotor.momentum.copy(), np.empty((3, 3))
     turn(q, momentum, rotor.inertia[:], ahead)
-    matrix(q, R[0])
-    places, groups = parts.coils, parts.groups
-    single = np.empty((1, 3, places.shape[0]))
-    torque_characteristic(parts.torque_cells, parts.torque_scale, parts.magnets, strength, places, R, single)
-    for i in range(3):
-        for k in range(K.shape[1]):
-            K[i, k] = 0.0
-        for j in range(places.shape[0]):
-            for k in range(K.shape[1]):
-                K[i, k] += single[0, i, j] * groups[j, k]
+    matrix(q, R)
+    fill_torque(parts, strength, R, K)
 
 
 @kernel
@@ -310,7 +276,7 @@ def sense(
     motor, coils, magnetics and strength as in `advance`; halls (k,) HALL; pose (4, 3) becomes R and w; read (2 m,)
     currents [A], then temperatures [K]; field (k, 3) [T].
     """
-    m, parts, channels = motor[0], _unpack_magnetics(magnetics), coils.size
+    m, parts, channels = motor[0], unpack_truth(magnetics), coils.size
     rotor = m.rotor
     if not _is_finite(rotor):
         return False
@@ -321,10 +287,7 @@ def sense(
     for k in range(channels):
         read[k] = quantise(coils[k].current + m.current_noise * draws[k], m.current_step)
         read[channels + k] = quantise(coils[k].body + m.heat_noise * draws[channels + k], m.heat_step)
-    sensor_field(
-        parts.field_cells, parts.field_scale, parts.magnets, strength, parts.sensors, pose[:3].reshape(1, 3, 3),
-        field.reshape(1, -1, 3),
-    )  # fmt: skip
+    fill_field(parts, strength, pose[:3], field)
     total_field, coil_field = field.reshape(-1), parts.coil_field
     for j in range(channels):
         ampere = coils[j].current
@@ -349,7 +312,7 @@ def make_rotor_record(device: SphericalMotor, grasp: Grasp) -> Records:
     made["inertia"] = np.array(rotor.inertia, dtype=np.float64) + hand
     made["damping"] = float(rotor.viscous_friction) + grasp.damping * arm**2
     made["friction"], made["grip"] = rotor.dry_friction, grasp.stiffness * arm**2
-    made["least"], made["edge"] = device.tilt_torque[1], cos(device.workspace_tilt)
+    made["edge"] = cos(device.workspace_tilt)
     made["stop"], made["stop_damping"] = device.end_stop.stiffness, device.end_stop.damping
     made["q"] = made["goal"] = (0.0, 0.0, 0.0, 1.0)
     return made
@@ -389,9 +352,10 @@ def limit_tilt(q: Array, tilt: float) -> Array:
 class SimulatedMotor(CoilSimulation):
     """Coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
 
+    seed            number of the motor among those that may be built, and of the sensors' noise
     grasp           another hand than the device's; HANDLE_LOOSE for none
     quality         other lasting errors of the field sensors than the device's
-    magnet_spread   relative standard deviation of the magnets' strengths, which no controller knows
+    magnet_spread   relative standard deviation of the magnets' strengths, beside that of the device's uncertainty
 
     Raises InputError for a step above 1 ms, or a spread that is no share.
 
@@ -422,7 +386,7 @@ class SimulatedMotor(CoilSimulation):
         self.device: SphericalMotor = device
         self.grasp = grasp or device.hand
         self._quality, self._spread = quality or device.hall.errors, float(magnet_spread)
-        tables, supply = device.tables, device.supply
+        supply = device.supply
         super().__init__(np.zeros(1, dtype=MOTOR), cold_coils(device), float(step), supply.duty_bits)
         self._still = np.zeros(3)
         self._state["current_noise"], self._state["current_step"] = supply.current_noise, supply.current_step
@@ -430,32 +394,22 @@ class SimulatedMotor(CoilSimulation):
         self._state["heat_noise"], self._state["heat_step"] = device.thermometer_noise, device.thermometer_step
         self._state["rotor"] = make_rotor_record(device, self.grasp)
         self._rotor, self._torque = self._state["rotor"], self._state["torque"][0]
-        self._parts = Magnetics(
-            tables.torque_pair.cells,
-            float(tables.torque_pair.scale),
-            tables.field_pair.cells,
-            float(tables.field_pair.scale),
-            device.magnets.directions,
-            device.electromagnets.directions,
-            device.sensor_layout.directions,
-            device.groups,
-            device.sensor_field_per_ampere,
-            device.tilt_torque[0],
-        )
-        self._magnetics = pack_magnetics(self._parts)
         self._failures = np.zeros(device.sensors, dtype=np.int64)
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
-        """Reset: cold coils without currents, the rotor upright and at rest, noise and constant errors from `seed`."""
+        """Reset to motor number `seed`: cold coils, no currents, the rotor upright and at rest, noise from `seed`."""
         self._state["generator"] = seed_noise(seed)
         device, hall = self.device, self.device.hall
         specimen = draw_sensors(self._quality, device.sensors, seed)
         self._halls = make_halls(device.sensor_layout.frames, specimen, hall)
         self._halls["failure"] = self._failures
+        self.built = draw_motor(device, seed, specimen.placement)
+        self._parts = self.built.compile()
+        self._magnetics = pack_truth(self._parts)
+        self._state["rotor"]["least"] = self.built.least
         draw = np.random.Generator(np.random.PCG64([seed, 1]))
-        polarity = np.array(device.polarity, dtype=np.float64)
-        self._strength = polarity * (1.0 + self._spread * draw.standard_normal(len(polarity)))
+        self._strength = self.built.strength * (1.0 + self._spread * draw.standard_normal(len(device.polarity)))
         self._coils = cold_coils(device)
         self._rotor["q"] = self._rotor["goal"] = (0.0, 0.0, 0.0, 1.0)
         self._rotor["momentum"] = self._state["torque"] = self._state["pressed"] = 0.0

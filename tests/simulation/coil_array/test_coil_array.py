@@ -9,11 +9,12 @@ import pytest
 
 from haptorb import worlds
 from haptorb.control.array_allocation import array_allocator
-from haptorb.devices.base import State
-from haptorb.devices.coil_array import BuildTolerance
+from haptorb.devices.base import State, rotation_to_axis
+from haptorb.devices.coil_array import BuildTolerance, place_coils
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.simulation.coil_array import SimulatedCoilArray, draw_coils
+from haptorb.simulation.built_array import draw_coils, draw_strength, fill_array_truth, make_array_truth
+from haptorb.simulation.coil_array import SimulatedCoilArray
 from haptorb.simulation.force_map import force_map
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -113,6 +114,52 @@ def test_the_same_seed_is_the_same_to_the_bit_and_another_specimen_is_not(name):
     assert (runs[0] == runs[1]).all()
     assert (runs[0] != runs[2]).any()
     assert (draw_coils(device, 1).position != draw_coils(device).position).all()
+
+
+def places(device, count):
+    """(count, 4, 3) tool upright or radial, from contact on: R above p."""
+    rng = np.random.default_rng(4)
+    for number in range(count):
+        height = device.contact_height + number / count * device.surface.thickness
+        if not device.surface.is_dome:
+            yield np.vstack([np.eye(3), [*(rng.uniform(-1, 1, 2) * device.surface.half_width), height]])
+            continue
+        axis = np.array([*rng.uniform(-0.5, 0.5, 2), 1.0])
+        axis /= np.linalg.norm(axis)
+        yield np.vstack([rotation_to_axis(axis), height * axis])
+
+
+@every
+def test_loops_and_currents_give_the_controllers_model_without_tolerances(name):
+    """Which has the magnets as charges in closed-form fields of the windings: 1e-3 of the greatest entry."""
+    device = DEVICES[name]
+    truth, matrix, passive = make_array_truth(device, device.windings), np.empty((6, device.channels)), np.empty(6)
+    for pose in places(device, 12):
+        fill_array_truth(truth, pose, matrix, passive)
+        known = device.wrench_map(State(0.0, pose[:3], pose[3], np.zeros(3), np.zeros(3)), "exact")
+        for rows in (slice(3), slice(3, 6)):
+            error = np.abs(matrix[rows] - known.matrix[rows]).max()
+            assert error < 1e-3 * np.abs(known.matrix[rows]).max()
+
+
+@every
+def test_a_drawn_array_is_computed_as_it_is_drawn(name):
+    """Drawn windings in closed form on the charges of drawn magnets, without tables; no core."""
+    device = replace(DEVICES[name], core=None)
+    coils, strength = draw_coils(device, 2), draw_strength(device, 2)
+    truth, matrix, passive = make_array_truth(device, coils, strength), np.empty((6, device.channels)), np.empty(6)
+    charges = np.hstack([magnet.charges(10, 60) for magnet in device.tool.magnets])
+    for pose in places(device, 3):
+        fill_array_truth(truth, pose, matrix, passive)
+        at = charges[:3].T @ pose[:3].T + pose[3]
+        field = np.stack([coil.field(at) for coil in place_coils(coils)])
+        force = strength * charges[3][:, None] * field
+        exact = np.hstack([force.sum(axis=1), np.cross(at - pose[3], force).sum(axis=1)]).T
+        for rows in (slice(3), slice(3, 6)):
+            assert np.abs(matrix[rows] - exact[rows]).max() < 1e-3 * np.abs(exact[rows]).max()
+        nominal = device.wrench_map(State(0.0, pose[:3], pose[3], np.zeros(3), np.zeros(3)), "exact").matrix
+        assert np.abs(matrix - nominal)[:3].max() > 5e-3 * np.abs(nominal[:3]).max()
+        assert not passive.any()
 
 
 def test_the_force_on_an_arrays_dome_can_be_painted():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -144,7 +144,7 @@ def two_phases(
         phi = spin * _smooth((now - starts[3]) / _PHASE_2)
         return Goal(np.zeros(3), handle_quaternion(0.0, lam, phi), now, False)
 
-    driver = SimDriver(SimulatedMotor(known, seed, grasp=_STEEL), _DT, hand, seed=seed)
+    driver = SimDriver(SimulatedMotor(replace(known, tolerance=None), seed, grasp=_STEEL), _DT, hand, seed=seed)
     recorder = _RecordingEstimator(make_estimator(known, estimator, None))
     linkage = ModedLinkage(gains, position=(X_0, 0.0, 0.0), attitude=(0.0, 0.0, -TILT))
     tick = Tick(known, _WORLD, driver, recorder, make_allocator(known), _DT, linkage)
