@@ -117,3 +117,10 @@ class FieldSensors:
     warming: float = 0.0  #: their temperature rise as a share of the coils' rise at the boundary
     range: float | None = None  #: greatest field that an axis can read [T]; None: that of 16 bits of `step`
     correction: SensorCorrection | None = None  #: what a calibration found; `positions` are then the calibrated ones
+
+    @property
+    def greatest_reading(self) -> float:
+        """Greatest reading of an axis [T]: `range`, or that of a 16-bit converter, or inf for an ideal one."""
+        if self.range is not None:
+            return self.range
+        return 32767 * self.step if self.step > 0 else np.inf

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, check_finite, rotation, vectors
 from haptorb.compiled import kernel
 from haptorb.devices.base import Device, DeviceKind, State, WrenchMap, check_distance, require
-from haptorb.devices.build_checks import BuildCheck, check_wire
+from haptorb.devices.build_checks import BuildCheck, check_wire, format_bound
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
@@ -59,6 +59,7 @@ __all__ = [
     "SphericalMotor",
     "check_magnets",
     "check_places",
+    "check_range",
     "field",
     "findings",
     "grouping",
@@ -293,7 +294,7 @@ class SphericalMotor(Device):
         copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, coils.copper_resistivity)
         origin = ", the wire that gives its resistance"
         wire = check_wire("electromagnets", coil, copper, overall_diameter(copper), origin)[0]
-        return (*super().build_checks, wire, *check_places(self), *check_magnets(self))
+        return (*super().build_checks, wire, *check_places(self), *check_magnets(self), *check_range(self))
 
     def wrench_map(self, state: State, model: str) -> WrenchMap:
         """(6, m) per channel: torque only, as the bearing carries every force; passive: regulator and gravity."""
@@ -807,6 +808,81 @@ def _bound_coils(motor: SphericalMotor, places: Array, tables: dict[float, Array
         between = np.arccos(np.clip(places[at] @ motor.electromagnets.directions.T / distance, -1.0, 1.0))
         out[at] = np.interp(between, angle, tables[distance])
     return out
+
+
+_RANGE_SPINS = 12  #: of the rotor, at each of its tilts, at which the sensors' fields are computed …
+_RANGE_SENSORS, _RANGE_ROUNDS = (
+    6,
+    5,
+)  #: … and sensors with the greatest for which the orientation is refined, and how often
+
+
+def check_range(motor: SphericalMotor) -> list[BuildCheck]:
+    """Whether magnets and coils together stay within the sensors' range, in every orientation of the workspace.
+
+    The magnets' fields along each sensor's axes by charges, at sampled orientations from which the greatest is searched,
+    and those of all coils at their peak, each in its worse sense. Nothing where the sensors are ideal.
+    """
+    places, magnet, reach = motor.sensor_layout, motor.magnet, motor.hall.greatest_reading
+    if not np.isfinite(reach):
+        return []
+    beside = np.arctan2(magnet.radius, motor.magnets.distance)
+    angle = np.concatenate([
+        np.linspace(1e-3, 2 * beside, _CHORD_STEPS, endpoint=False), np.linspace(2 * beside, np.pi - 1e-3, _CHORD_STEPS)
+    ])  # fmt: skip
+    sine, cosine = np.sin(angle), np.cos(angle)
+    ratio = magnet.radius / max(
+        abs(motor.magnets.distance - places.distance) - 0.5 * magnet.length, 0.1 * magnet.radius
+    )
+    finer = {"radial": int(3 + 1.7 * ratio), "azimuth": int(8 + 5 * ratio)}
+    rows = ChargedRing(magnet.radius, 0.0, magnet.length, magnet.polarization, **finer).rows
+    points = np.stack([places.distance * sine, 0 * sine, places.distance * cosine - motor.magnets.distance], axis=1)
+    field = charge_field(rows, points)
+    across = field[:, 0] / sine  # the field is (B_z − B_x cos/sin) u + B_x/sin s, for a magnet at u and a sensor at s
+    along = field[:, 2] - across * cosine
+
+    def read(angles: Array, directions: Array, frames: Array) -> Array:
+        """(n, k) greatest field along an axis of sensors, k or one, at n orientations by their Euler angles."""
+        u = np.einsum("nab,ib->nia", rotation_from_euler(*angles.T), motor.magnets.directions)
+        between = np.arccos(np.clip(np.einsum("nia,nka->nik", u, directions), -1.0, 1.0))
+        pull = np.einsum("nik,nia,i->nka", np.interp(between, angle, along), u, motor.polarity)
+        toward = np.einsum("nik,i->nk", np.interp(between, angle, across), motor.polarity)
+        total = pull + toward[..., None] * directions
+        greatest: Array = np.abs(np.einsum("nka,nkab->nkb", total, frames)).max(axis=2)
+        return greatest
+
+    tilt, spin = motor.workspace_tilt, 2 * np.pi / _RANGE_SPINS
+    grid = np.meshgrid(*(np.linspace(-tilt, tilt, 3),) * 2, spin * np.arange(_RANGE_SPINS), indexing="ij")
+    angles = np.stack([one.ravel() for one in grid], axis=1)
+    count = len(places)
+    fields = np.concatenate([
+        read(part, np.broadcast_to(places.directions, (len(part), count, 3)),
+             np.broadcast_to(places.frames, (len(part), count, 3, 3)))
+        for part in np.array_split(angles, 4)
+    ])  # fmt: skip
+    # from the best of these orientations of each sensor to the greatest nearby, in ever smaller steps
+    best, most = angles[np.argmax(fields, axis=0)], fields.max(axis=0)
+    step = np.stack(np.meshgrid(*(np.array([-1.0, 0.0, 1.0]),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    leading = np.argsort(most)[-_RANGE_SENSORS:]
+    for share in 0.5 ** np.arange(1, _RANGE_ROUNDS + 1):
+        near = best[leading][:, None] + share * step * np.array([tilt, tilt, spin])
+        near[..., :2] = np.clip(near[..., :2], -tilt, tilt)
+        chosen = np.repeat(leading, len(step))
+        found = read(near.reshape(-1, 3), places.directions[chosen][:, None], places.frames[chosen][:, None])
+        found = found.reshape(len(leading), -1)
+        highest = np.argmax(found, axis=1)
+        best[leading], most[leading] = near[np.arange(len(leading)), highest], found.max(axis=1)
+    driven = _bound_coils(motor, places.positions, {}) @ (np.abs(motor.groups) @ motor.driven_current)
+    worst = int(np.argmax(most + driven))
+    share, coils = format_bound(float(most[worst]), "T"), format_bound(float(driven[worst]), "T")
+    return [
+        BuildCheck(
+            "fields within the sensors' range", f"sensor {worst + 1}, magnets and coils together",
+            float(most[worst] + driven[worst]), reach, "T",
+            "move the sensors away from magnets and coils, or take chips with a greater range (sensors.range)",
+            note=f"magnets {share}, all coils at their peak {coils}",
+        )
+    ]  # fmt: skip
 
 
 def measure_ring_pull(motor: SphericalMotor) -> float:

@@ -41,7 +41,6 @@ __all__ = [
     "fill_remaining_rotation",
     "fill_tool",
     "find_share",
-    "greatest_reading",
     "is_elsewhere",
     "let_fail",
     "make_halls",
@@ -333,21 +332,13 @@ HALL = fields(
 )
 
 
-def greatest_reading(sensors: FieldSensors) -> float:
-    """Maximum reading of an axis [T]: its range; if the file states none, that of a 16-bit converter, inf for an ideal
-    one."""
-    if sensors.range is not None:
-        return sensors.range
-    return 32767 * sensors.step if sensors.step > 0 else np.inf
-
-
 def make_halls(frames: Array, specimen: SensorSpecimen, sensors: FieldSensors) -> Records:
     """(k,) HALL with `frames` (k, 3, 3) and the constant errors of `specimen`; none fails. Fields in [T]."""
     made = np.zeros(len(frames), dtype=HALL)
     made["frame"] = frames
     for name in ("mixing", "offset", "gain_drift", "offset_drift"):
         made[name] = getattr(specimen, name)
-    made["noise"], made["step"], made["reach"] = sensors.noise, sensors.step, greatest_reading(sensors)
+    made["noise"], made["step"], made["reach"] = sensors.noise, sensors.step, sensors.greatest_reading
     return made
 
 

@@ -1,5 +1,7 @@
 """Room for a motor's parts: what moves past what stands, against clouds of points at many poses of the rotor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.oracles.turning_parts import draw_poses, draw_surface, least_distance, stand_along
@@ -7,7 +9,9 @@ from tests.oracles.turning_parts import draw_poses, draw_surface, least_distance
 import haptorb
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import parse
+from haptorb.devices.motor import check_range
 from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance
+from haptorb.rotations import rotation_from_euler
 
 _COARSE = 0.6e-3  #: between points of a cloud that are nearest, and the true places [m]
 
@@ -185,3 +189,27 @@ def test_a_gap_that_is_too_narrow_to_turn_in_is_refused():
     found = refuse('[magnets]\ndistance = "65.6 mm"', '[sensors]\ndistance = "61.7 mm"')
     assert set(found) == {"gap between rotor and stator"}
     assert found["gap between rotor and stator"].value > 0
+
+
+@pytest.mark.parametrize("name", ["pmsm", "pmsm-three-rings"])
+def test_the_card_states_the_greatest_field_that_a_sensor_reads(name):
+    """Against the tables of the exact model over orientations of the whole workspace, and the coils' exact fields."""
+    motor, rng = haptorb.load(name), np.random.default_rng(3)
+    (check,) = check_range(motor)
+    tilts = motor.workspace_tilt * rng.uniform(-1.0, 1.0, (600, 2))
+    R = np.stack([rotation_from_euler(*one, spin) for one, spin in zip(tilts, rng.uniform(0, 7, 600), strict=True)])
+    frames = motor.sensor_layout.frames
+    magnets = np.abs(np.einsum("nka,kab->nkb", motor.sensor_field(R, "table"), frames)).max(axis=(0, 2))
+    per_ampere = motor.sensor_field_per_ampere.reshape(motor.channels, motor.sensors, 3)
+    coils = np.linalg.norm(np.einsum("cka,kab->ckb", per_ampere, frames), axis=2)
+    greatest = float((magnets + motor.driven_current @ coils).max())
+    assert 0.97 * greatest < check.value < 1.2 * greatest
+    assert check.holds
+    assert check.limit == 32767 * motor.hall.step
+
+
+def test_a_sensor_that_clips_is_refused():
+    found = refuse('[sensors]\nrange = "250 mT"')["fields within the sensors' range"]
+    assert found.value > found.limit == 0.25
+    motor = haptorb.load("pmsm")
+    assert check_range(replace(motor, hall=replace(motor.hall, step=0.0))) == []
