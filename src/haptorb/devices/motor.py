@@ -820,8 +820,8 @@ _RANGE_SENSORS, _RANGE_ROUNDS = (
 def check_range(motor: SphericalMotor) -> list[BuildCheck]:
     """Whether magnets and coils together stay within the sensors' range, in every orientation of the workspace.
 
-    The magnets' fields along each sensor's axes are those of charges, at sampled orientations from which the greatest is
-    searched. All coils are at their peak, each in its worse sense. Nothing where the sensors are ideal.
+    The magnets' fields along each sensor's axes are those of charges, their greatest is searched from sampled
+    orientations. All coils are at their peak, each in its worse sense. Nothing where the sensors are ideal.
     """
     places, magnet, reach = motor.sensor_layout, motor.magnet, motor.hall.greatest_reading
     if not np.isfinite(reach):

@@ -90,7 +90,7 @@ def test_what_is_asked_is_given_within_two_per_cent(pull):
 def test_a_motor_within_its_tolerances_gives_what_is_asked_within_a_few_per_cent():
     """Magnets and coils off their places, askew, of other strengths and turns: the controller knows none of it."""
     rig = Rig(hand_path, device=PMSM).go(1.5)
-    asked, given = rig["asked"][500:, 3:], rig["given"][500:, 3:]
+    asked, given = rig["wrench_commanded"][500:, 3:], rig["wrench_actual"][500:, 3:]
     error = np.sqrt(((asked - given) ** 2).sum() / (asked**2).sum())
     assert (rig["trip"] == Trip.NONE).all()
     assert 0.01 < error < 0.08
