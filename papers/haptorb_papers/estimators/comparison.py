@@ -17,7 +17,7 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.estimation.motor_orientation import spin_period
 from haptorb.estimation.network import TrainedNetworks
 from haptorb.notebook import NotebookReport
-from haptorb.simulation.parts import FAILURES, greatest_reading, make_halls, read_halls, seed_noise
+from haptorb.simulation.parts import FAILURES, make_halls, read_halls, seed_noise
 from haptorb_papers.estimators.contestants import EstimatorOutput, collect_outputs, make_estimators
 
 __all__ = [
@@ -60,7 +60,7 @@ class Disturbance:
             motor.hall if self.noise is None else replace(motor.hall, noise=self.noise, step=0.0),
         )
         if ideal:
-            halls["reach"] = greatest_reading(motor.hall)
+            halls["reach"] = motor.hall.greatest_reading
         if self.failed:
             halls["failure"][self.failed - 1] = FAILURES[self.failure]
         noise = seed_noise(seed)
