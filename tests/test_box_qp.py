@@ -55,6 +55,20 @@ def test_it_finds_what_an_independent_solver_finds(seed, n, decades):
     assert cost(hessian, linear, x) <= cost(hessian, linear, reference(hessian, linear, low, high)) + 1e-7
 
 
+def test_bounds_that_stop_every_step_do_not_end_the_search():
+    """Six coils for six components, nearly singular: among these problems a few are stuck if nothing is fixed then."""
+    rng = np.random.default_rng(6)
+    for _ in range(1500):
+        matrix = rng.normal(size=(6, 6))
+        hessian = matrix.T @ matrix + 1e-12 * np.eye(6)
+        linear, high = -matrix.T @ rng.normal(size=6) * 10 ** rng.uniform(-3, 1), rng.uniform(0.5, 2.0, 6)
+        x = np.zeros(6)
+        size = np.minimum(np.abs(linear) / np.diag(hessian), high).max()
+        solve_box(hessian, linear, -high, high, x, np.zeros((10, 6)), 30, 1e-11 * size)
+        best = cost(hessian, linear, reference(hessian, linear, -high, high))
+        assert cost(hessian, linear, x) <= best + 1e-6 * abs(best)
+
+
 def test_from_its_own_solution_it_takes_no_step():
     hessian, linear, low, high = problem(3, 24, 2.0)
     x, work = np.zeros(24), np.zeros((28, 24))

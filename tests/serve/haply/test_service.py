@@ -6,7 +6,7 @@ import http.client
 import json
 import socket
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import numpy as np
 import pytest
@@ -284,7 +284,7 @@ def test_pages_of_other_sites_and_other_names_are_sent_away(port):
 
 
 def test_hostile_clients_are_let_go_and_nobody_else_notices(bench, port):
-    with dial(port) as honest, socket.create_connection(("127.0.0.1", port)) as mute:
+    with dial(port) as honest, ExitStack() as open_connections:
         honest.recv(timeout=20)
         for junk in (
             b"\0" * 20000,
@@ -303,6 +303,7 @@ def test_hostile_clients_are_let_go_and_nobody_else_notices(bench, port):
                 large.send("x" * 8_000_000)
             with pytest.raises(ConnectionClosed):
                 large.recv(timeout=20)
+        mute = open_connections.enter_context(socket.create_connection(("127.0.0.1", port)))
         head = f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         mute.sendall(f"{head}Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
         mute.setblocking(False)
@@ -314,6 +315,8 @@ def test_hostile_clients_are_let_go_and_nobody_else_notices(bench, port):
             except BlockingIOError:
                 refused += 1
                 check_state(ask(honest, {}))
+            except ConnectionError:  # on a busy computer the ten seconds of who does not read are over before
+                break
         with dial(port) as endless:
             endless.recv(timeout=20)
             with pytest.raises(ConnectionClosed):
