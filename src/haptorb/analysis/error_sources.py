@@ -49,7 +49,7 @@ def source(
     """Source of error with an `effect` on a trial; evenly: within √3 of the `standard` uncertainty, equally probable.
 
     unit: SI unit of `standard`, "1" for a relative one, "rad" for an angle in degrees, or the text to print. An array
-    is one standard uncertainty for each deviate.
+    (dimension,) is one standard uncertainty for each deviate, in that unit [SI].
     """
     shape = np.shape(standard) or (dimension,)
 
@@ -97,7 +97,7 @@ def multiply(field: str) -> Effect:
 
 
 def spread_evenly(deviates: Array) -> Array:
-    """Uniform deviates from −√3 to √3, of standard deviation 1, from normal `deviates` of any shape."""
+    """Uniform deviates from −√3 to √3, of standard deviation 1, from normal `deviates` (...) [1]."""
     found: Array = np.sqrt(3.0) * (2.0 * ndtr(deviates) - 1.0)
     return found
 
@@ -197,7 +197,7 @@ class MagnetTrial(Protocol):
 
 
 def strengthen(trial: MagnetTrial, relative: Array) -> None:
-    """Change the strength common to all magnets by `relative` (1,), or that of each by its own (p,)."""
+    """Change the strength common to all magnets by `relative` (1,), or that of each by its own (p,) [1]."""
     trial.strengthen(1 + relative)
 
 
