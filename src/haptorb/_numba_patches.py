@@ -60,9 +60,9 @@ def load_numba() -> Any:
 def compile_function(
     function: Callable[..., Any], folder: str, *, vectors: bool = False, brief: bool = False, exact: bool = False
 ) -> Any:
-    """numba's dispatcher of `function`, with `folder` as its cache ("": none).
+    """Return numba's dispatcher of `function`, with `folder` as its cache ("": none).
 
-    vectors: its loops become vector code. brief: no reference is counted and the interpreter lock is not released.
+    vectors: vectorise its loops. brief: do not count references, and keep the interpreter lock.
     exact: operations are neither reordered nor fused.
     """
     numba = load_numba()
@@ -86,8 +86,8 @@ def compile_function(
 def _list_options(brief: bool) -> dict[str, bool]:
     """Compiler options: kernels are not called through a C pointer, so the C entry point is left out.
 
-    `_nrt` is numba's counting of references to arrays, half of the time of a call; a kernel must say it, or it has what
-    the first kernel that calls it has.
+    `_nrt` is numba's reference counting of arrays, half of the time of a call; each kernel must set it, or it inherits
+    the value of the first kernel that calls it.
     """
     return {"no_cfunc_wrapper": True, "_nrt": not brief}
 
@@ -95,7 +95,7 @@ def _list_options(brief: bool) -> dict[str, bool]:
 def _vectorize_loops(numba: Any, compiled: Any) -> None:
     """Compile the loops of `compiled`, a dispatcher, to vector code; other kernels are unchanged.
 
-    Needed where `_limit_optimisation` took it from all; numba has this choice for a whole process only.
+    Needed because `_limit_optimisation` disabled it for all kernels; numba offers the choice only for a whole process.
     """
     compile_plainly = compiled.compile
 
@@ -153,7 +153,7 @@ def call_own_copies(codegen: Any) -> None:
 
 
 def _set_linkage(module: Any, before: str, after: str) -> Any:
-    """`module` with one linkage of its functions replaced by another."""
+    """Return `module` with one linkage of its functions replaced by another."""
     for function in module.functions:
         if not function.is_declaration and function.linkage.name == before:
             function.linkage = after
@@ -211,7 +211,7 @@ def _silence_lock() -> None:
 def _postpone_linear_algebra() -> None:
     """Assume that scipy has a BLAS instead of importing it to check, which takes half a second at every start.
 
-    No kernel here multiplies matrices by it. One that does loads it when it is compiled, as ever.
+    No kernel here multiplies matrices by it. One that does loads it when it is compiled.
     """
     from numba.np import linalg
 

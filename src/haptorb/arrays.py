@@ -56,7 +56,7 @@ def fields(*named: tuple[Any, ...]) -> np.dtype[np.void]:
 
 
 def check_finite(value: ArrayLike, what: str) -> Array:
-    """`value` as a float64 array, or InputError naming `what` if a number in it is not finite.
+    """Return `value` as a float64 array; InputError naming `what` if a number in it is not finite.
 
     Any shape (...); the unit [SI] is the caller's.
 
@@ -73,7 +73,7 @@ def check_finite(value: ArrayLike, what: str) -> Array:
 
 
 def vectors(value: ArrayLike, what: str) -> Array:
-    """`value` as an array of 3-vectors, shape (..., 3).
+    """Return `value` as an array of 3-vectors, shape (..., 3).
 
     Raises InputError for another shape or what is not finite.
 
@@ -87,7 +87,7 @@ def vectors(value: ArrayLike, what: str) -> Array:
 
 
 def rotation(value: ArrayLike, what: str, tolerance: float = 1e-6) -> Array:
-    """`value` as rotation matrices, shape (..., 3, 3), or InputError with its distance from one.
+    """Return `value` as rotation matrices, shape (..., 3, 3); InputError with its distance from a rotation.
 
     >>> rotation(np.eye(3), "R_SR").shape
     (3, 3)
@@ -132,7 +132,7 @@ def record(cls: type[T]) -> type[T]:
 
 
 def cap_directions(half_angle: float, points: int) -> Array:
-    """(points, 3) unit vectors distributed uniformly (a Fibonacci spiral) over the cap of `half_angle` [rad] about +z.
+    """Return (points, 3) unit vectors spread uniformly (Fibonacci spiral) over the cap of `half_angle` [rad] about +z.
 
     >>> bool((cap_directions(0.5, 20)[:, 2] > np.cos(0.5)).all())
     True
@@ -152,7 +152,7 @@ _MIN_SPLINE_PLACES = 4  #: fewer values do not determine a cubic over the first 
 
 
 def cubic_spline(values: Array, step: float) -> Array:
-    """(n - 1, 4) coefficients of the cubics between `values` (n,), one per `step`; highest power first.
+    """Return (n - 1, 4) coefficients of the cubics between `values` (n,), one per `step`; highest power first.
 
     The value t beyond place k is c[k, 0] t³ + c[k, 1] t² + c[k, 2] t + c[k, 3]. First and second derivative are
     continuous, and the third at the second place from either end ("not a knot"): with h = step and the slopes s,
@@ -172,7 +172,7 @@ def cubic_spline(values: Array, step: float) -> Array:
 
 
 def _solve(right: list[float]) -> Array:
-    """Slopes from the right-hand sides: rows (1, 2), (1, 4, 1) ..., (2, 1), by forward elimination."""
+    """Solve for the slopes: rows (1, 2), (1, 4, 1) ..., (2, 1) with these right-hand sides, by forward elimination."""
     diagonals, upper = [1.0], [2.0]
     for k in range(1, len(right)):
         last = k == len(right) - 1
@@ -264,7 +264,7 @@ def one_block() -> Iterator[None]:
 
 
 def state_zeros(shape: int | tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
-    """Array of zeros for `state_arrays`; within `one_block`, contiguous with the others allocated there.
+    """Return an array of zeros for `state_arrays`; within `one_block`, contiguous with the others allocated there.
 
     >>> state_zeros((2, 3)).shape
     (2, 3)
@@ -282,7 +282,7 @@ def make_block(
     """Arrays of float64 of these shapes, and a record (1,) of float64 for each of `numbers`, name → its fields; and all
     numbers of the records in turn. All are in one contiguous block of memory, which a snapshot copies at once.
 
-    Through the numbers, a memoryview, one is written three times faster than in its record.
+    Writing a number through the memoryview is three times faster than through its record.
 
     >>> arrays, cells = make_block({"place": (3,)}, counts=("ticks", "trips"))
     >>> cells[1] = 7.0
@@ -303,13 +303,13 @@ def make_block(
 
 
 def make_numbers(*names: str) -> tuple[StateArray, Any]:
-    """(1,) record of float64 with these names, and its numbers in turn, in the form of `make_block`."""
+    """Return a (1,) record of float64 with these names, and its numbers in order, as `make_block` does."""
     arrays, cells = make_block({}, numbers=names)
     return arrays["numbers"], cells
 
 
 def choose(number: float, count: int) -> int:
-    """`number` as an index below `count`. Raises ValueError if it is invalid."""
+    """Return `number` as an index below `count`. Raises ValueError if it is invalid."""
     if not (0.0 <= number < count and number == int(number)):
         raise ValueError(f"{number!r} is not a whole number below {count}")
     return int(number)

@@ -1,15 +1,15 @@
 """Bending of a cantilever hook: published compliances (Bai 2012, eqs. 12–13, appendix B) and a corrected beam model.
 
-Everything is normalised as in the paper: Δ = δ/h₀, F = f/(E w h₀), lengths by h₀. A contact at x pushes the hook
-sideways with f_y and pulls it along with f_x (tension positive); it gives way by
+All quantities are normalised as in the paper: Δ = δ/h₀, F = f/(E w h₀), lengths by h₀. A contact at x deflects the hook
+sideways with f_y and pulls it along with f_x (tension positive); its deflection is
 
     Δ = Ω₊ F_y + Ω₋ F_x                                                                                       Eq. (10)
 
 (the paper's s is the sign of that pull). In newtons and metres: f_y = E w δ / (Ω₊ + (f_x/f_y) Ω₋).
 
 The contact also moves along the hook, by Ω₋ F_y + Ωₓ F_x (over h₀): with Ωₓ the three are the symmetric compliance of
-an elastic body, so that the energy ½ fᵀ Ω f exists. Its change along the hook is the turn of the face by both forces.
-
+an elastic body, so that the energy ½ fᵀ Ω f exists. Its change along the hook is the rotation of the face by both
+forces.
 Two models, one interface: `paper` is (12) and (13), which load the uniform part of the beam at its end ℓ_b wherever the
 contact is; `timoshenko` loads the beam where the contact is (erratum E11: 4.8 times softer for Table 3). Small
 deflections; a tapered part is a stack of slices, each bending as a uniform beam.
@@ -71,8 +71,8 @@ METALS_FROM = 10e9  #: [Pa] lower limit of engineering metals (lead: 16 GPa); a 
 class Hook:
     """Sizes [m], angles [rad], Young's modulus [Pa]; checked at construction.
 
-    Raises InputError for a number out of range, GeometryError for a wedge whose sizes contradict each other, saying by
-    how much (erratum E8: β, h_b and ℓ_m − ℓ_b of Table 3 cannot all hold).
+    Raises InputError for a number out of range, GeometryError for inconsistent dimensions of the wedge, with the amount
+    (erratum E8: β, h_b and ℓ_m − ℓ_b of Table 3 cannot all hold).
 
     >>> TABLE_3.ramp_end < TABLE_3.peak         # a flat top joins the ramp to the peak
     True
@@ -216,7 +216,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 class Compliance(NamedTuple):
-    """Dimensionless Ω₊, Ω₋ and Ωₓ at contact points, all of the points' shape."""
+    """Dimensionless Ω₊, Ω₋ and Ωₓ at contact points, each of the shape of the points."""
 
     plus: Array  #: sideways, per sideways force
     minus: Array  #: sideways per pull, and along the hook per sideways force
@@ -335,12 +335,12 @@ def compliance(
 
 
 class FaceForce(NamedTuple):
-    """Force of a bent hook at contact points on a sharp-edged face, all of the points' shape."""
+    """Force of a bent hook at contact points on a sharp-edged face, each of the shape of the points."""
 
     pull: Array  #: f_x, along the hook, out of the socket positive [N]
     push: Array  #: f_y, the bending force [N]
-    turn: Array  #: of the face by the bending [rad]
-    shift: Array  #: of the contact along the hook by the bending [m]
+    turn: Array  #: rotation of the face by the bending [rad]
+    shift: Array  #: displacement of the contact along the hook by the bending [m]
 
 
 def balance_face(
@@ -351,7 +351,7 @@ def balance_face(
     slope     of the face [rad], rising towards the tip positive: β on the rear face, −α on the front face
     friction  μ; positive for an edge that is pulled out, negative for one that is pushed in
 
-    Direct balance of normal force and friction on the face as both forces turn it: δ by (10), and as in (11) f_x/f_y
+    Direct balance of normal force and friction on the face as both forces rotate it: δ by (10), and as in (11) f_x/f_y
     = tan(slope − turn + arctan μ). The turn is that of the section, plus half the shear strain beside the load; with
     the paper's model it is the chord arctan(δ/x) of (11). Raises GeometryError where the hook jams or locks. >>> from
     haptorb.beams import TABLE_3
@@ -404,7 +404,7 @@ def force_ratio(slope: ArrayLike, friction: float, loading: bool) -> Array:
 
     `loading` is sliding uphill, the hook bending further (insertion over the front face, pulling apart over the rear
     one): friction adds. Downhill it subtracts. Eq. (11) prints the minus for retention altogether: then pulling apart
-    would take less work than the hook stores, so it holds for the hook snapping home and not for the pull.
+    would take less work than the hook stores, so it holds for insertion snapping home, not for pulling apart.
 
     >>> float(force_ratio(0.0, 0.134, loading=True).round(3))        # dwelling: μ itself
     0.134
@@ -467,19 +467,19 @@ def compute_bent_shape(hook: Hook, x: float, deflection: float, points: int = 33
 # strength. Poisson's ratio affects the shear contribution only.
 
 
-#: of the strain at yield, single short-term bending: DSM, "Maximum allowable short-term strain"
+#: share of the strain at yield, single short-term bending: DSM, "Maximum allowable short-term strain"
 _SINGLE_USE_SHARE = 0.7
-_REPEATED_USE_SHARE = 0.6  #: of the permissible strain, for hooks that are opened often: the same guide
+_REPEATED_USE_SHARE = 0.6  #: share of the permissible strain, for hooks that are opened often: the same guide
 _MAX_LINEAR_STRAIN = 0.06  #: maximum permissible strain for which the linear beam is used
 
 
 def _permit(strain_at_yield: float) -> float:
-    """Permissible strain of a polymer from the strain at yield of its data sheet."""
+    """Return the permissible strain of a polymer from the strain at yield of its data sheet."""
     return round(min(_SINGLE_USE_SHARE * strain_at_yield, _MAX_LINEAR_STRAIN), 4)
 
 
 def _sheet(name: str) -> str:
-    """Source of a polymer's values."""
+    """Describe the source of a polymer's values."""
     return (
         f"{name}; ν assumed; permissible strain: 70 % of the strain at yield (DSM, Maximum allowable short-term "
         "strain), at most 6 %"
@@ -487,7 +487,7 @@ def _sheet(name: str) -> str:
 
 
 def _strip(name: str) -> str:
-    """Source of a metal's values."""
+    """Describe the source of a metal's values."""
     return f"{name}; permissible strain: yield strength over modulus"
 
 
@@ -495,7 +495,7 @@ _PAPER = "E and ν: Bai 2012, table 3 with erratum E7"
 
 
 class Material(NamedTuple):
-    """Material properties for a hook's stiffness and strength."""
+    """Stiffness and strength of a hook's material."""
 
     youngs_modulus: float  #: E [Pa]
     poisson_ratio: float  #: ν
@@ -508,7 +508,7 @@ class Material(NamedTuple):
 
     @property
     def repeated_strain(self) -> float:
-        """Permissible where the hook is opened often: 60 % of a polymer's, all of a metal's.
+        """Permissible strain where the hook is opened often: 60 % of a polymer's, all of a metal's.
 
         >>> round(MATERIALS["PC"].repeated_strain, 4)
         0.0252

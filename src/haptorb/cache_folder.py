@@ -1,8 +1,8 @@
-"""The folder of what can be computed again: this account's alone, as compiled kernels in it are executed.
+"""Cache folder of this account, which no other account may write to: compiled kernels in it are executed.
 
-numba and pint keep pickles there. Whoever can write such a file has his code run by the next program that loads it; so
-a folder that belongs to another account, or that others may write, also by way of a folder above it, is refused with
-one line, and a private one is used instead.
+numba and pint store pickles there. Whoever can write such a file can execute code in the next program that loads it.
+A folder that belongs to another account, or that others can write to, directly or through a parent folder, is refused
+with one line, and a private one is used instead.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from pathlib import Path
 
 __all__ = ["cache_folder", "explain_shared", "find_home", "private_folder"]
 
-_CHOSEN = "HAPTORB_CACHE_FOLDER"  #: for the processes that this one starts: they need not choose, nor say it, again
+_CHOSEN = "HAPTORB_CACHE_FOLDER"  #: tells child processes the choice, for one message only
 
 
 def cache_folder() -> Path:
-    """Folder for everything that can be computed again: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb.
+    """Return the folder for data that can be recomputed: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb.
 
-    Another private folder where that one is shared with other accounts or cannot be made, such as in a container
-    without a writable home; that is said once on standard error.
+    Another private folder if that one is shared with other accounts or cannot be created, such as in a container
+    without a writable home; this is reported once on standard error.
     """
     home = os.environ.get("XDG_CACHE_HOME") or find_home(".cache")
     return _choose(os.path.abspath(home) if home else "")
 
 
 def find_home(*parts: str) -> str:
-    """`parts` below this account's home; empty if it has none, as an account without a name may not."""
+    """Return `parts` below this account's home; empty if it has none, as is possible for an account without a name."""
     home = os.path.expanduser("~")
     return "" if home.startswith("~") else os.path.join(home, *parts)
 
 
 def private_folder(*parts: str) -> Path:
-    """The folder `parts` below `cache_folder`, made if it is missing.
+    """Return the folder `parts` below `cache_folder`, created if it is missing.
 
-    Raises OSError if it cannot be made, or if others can write there.
+    Raises OSError if it cannot be created, or if others can write there.
     """
     folder = cache_folder()
     for part in parts:
@@ -53,14 +53,14 @@ def private_folder(*parts: str) -> Path:
 
 
 def explain_shared(folder: Path) -> str:
-    """Why others could put files into `folder`; "" if only this account can.
+    """Explain why others could put files into `folder`; "" if only this account can.
 
-    Each folder above it counts up to the root: who may rename one may put another in its place. In a sticky folder,
-    such as /tmp, that is for the owner alone.
+    All parent folders are checked up to the root: whoever can rename one can substitute another. In a sticky folder,
+    such as /tmp, only the owner can.
     """
     if not hasattr(os, "getuid"):
         return ""  # Windows: the profile's folders are the user's own
-    places = [folder.absolute(), folder.resolve()]  # the links on the way, and what they lead to
+    places = [folder.absolute(), folder.resolve()]  # symbolic links on the path, and their targets
     for place in dict.fromkeys(one for path in places for one in (path, *path.parents)):
         try:
             why = _explain_one(place, last=place in places)
@@ -78,7 +78,7 @@ def _explain_one(place: Path, *, last: bool) -> str:
     own = found.st_uid == os.getuid()
     if not own and (found.st_uid != 0 or (last and not stat.S_ISLNK(found.st_mode))):
         return f"belongs to another account (user id {found.st_uid})"
-    if stat.S_ISLNK(found.st_mode):  # its mode means nothing
+    if stat.S_ISLNK(found.st_mode):  # its mode has no meaning
         return ""
     sticky = bool(found.st_mode & stat.S_ISVTX) and not last
     if found.st_mode & stat.S_IWOTH and not sticky:
@@ -98,7 +98,7 @@ def _explain_content(folder: Path) -> str:
 
 @cache
 def _is_own_group(group: int) -> bool:
-    """Whether nobody but this account is in `group`: where each has its own, folders are often open to it."""
+    """Whether this account is the only member of `group`: with private groups, folders are often group-writable."""
     import grp
     import pwd
 
@@ -123,7 +123,7 @@ def _choose(home: str) -> Path:
         try:
             _make(folder)
             shared = explain_shared(folder) or _explain_content(folder)
-        except OSError as cause:  # a read-only home, say
+        except OSError as cause:  # such as a read-only home
             refused = refused or f"cache folder {folder} cannot be made: {cause.strerror}"
             continue
         if not shared:  # safety: cache-private
@@ -140,7 +140,7 @@ def _choose(home: str) -> Path:
 
 
 def _make(folder: Path) -> None:
-    """For this account only. Those above it are made as other programs make them."""
+    """Create the folder for this account only; its parents with default permissions."""
     if not folder.is_dir():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)

@@ -1,7 +1,7 @@
-"""A Dask cluster as a place to compute: a scheduler at an address, with workers that may come, go and die.
+"""Distributed computation on a Dask cluster: a scheduler at an address, with workers that may join, leave and fail.
 
-Dask gives the jobs of a lost worker to another one, and a result lost with it is computed again. Each job
-checks the version of its worker, so that one that joins later cannot bring other numbers.
+Dask reassigns the jobs of a lost worker, and recomputes results lost with it. Each job checks the versions on its
+worker, so that one that joins later cannot return different results.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Versions on the computers of a cluster: with different ones results could differ, or jobs could not be read.
+# Version check of a cluster: with different versions results could differ, or jobs could not be read.
 #
-# A scheduler passes jobs without unpacking them, so only its Dask and Python must be the same as here. A worker
-# computes, so haptorb and its numerical libraries must be the same, too.
+# A scheduler passes jobs on without unpacking them, so only its Dask and Python must match. A worker computes, so
+# haptorb and its numerical libraries must match too.
 
 
 _DASK = ("distributed", "dask", "cloudpickle")
@@ -55,7 +55,7 @@ _NUMBERS = ("numpy", "scipy", "numba")
 
 
 def check_versions(client: Any, address: str) -> None:
-    """InputError, with both versions, unless scheduler and workers of the Dask `client` have those of this computer."""
+    """Raise InputError, with both versions, unless scheduler and workers of the Dask `client` match this computer."""
     found = client.get_versions(packages=_NUMBERS)
     here = _list_packages(found["client"])
     scheduler = _list_packages(found["scheduler"])
@@ -69,7 +69,7 @@ def check_versions(client: Any, address: str) -> None:
 
 
 def list_versions() -> dict[str, str]:
-    """Package → version on this computer, of all that determines results."""
+    """Return package → version on this computer, of all packages that determine results."""
     from importlib.metadata import version
 
     return {"haptorb": __version__, **{name: version(name) for name in _NUMBERS}}
@@ -85,14 +85,14 @@ def _refuse(whose: str, theirs: Mapping[str, str], here: Mapping[str, str], name
 
 
 def _list_packages(computer: Mapping[str, Any]) -> dict[str, str]:
-    """Package → version, as Dask reports for one computer; Python without the last number."""
+    """Return package → version, as Dask reports for one computer; Python without the patch number."""
     packages = {name: str(value) for name, value in computer["packages"].items() if value is not None}
     packages["Python"] = ".".join(packages.pop("python", "").split(".")[:2])
     return packages
 
 
 def _make_look() -> Any:
-    """A function that is sent with its code: a worker may not have this module."""
+    """Return a function that is sent with its code: a worker may not have this module."""
 
     def look() -> str:
         from haptorb.version import __version__ as here
@@ -105,24 +105,24 @@ def _make_look() -> Any:
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_CONNECT_TIMEOUT_S = 5.0  #: until a scheduler that does not answer counts as unreachable [s]
-_DESERTED = 60.0  #: for which a cluster may be without any worker [s]
-_WORKER_CHECK_INTERVAL_S = 1.0  #: between two looks at whether there still are workers, while no result comes [s]
-_AHEAD = 3  #: jobs that are given out for each thread of the cluster
-_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")  #: of a scheduler: host and port
+_CONNECT_TIMEOUT_S = 5.0  #: connection timeout of a scheduler
+_NO_WORKER_TIMEOUT_S = 60.0  #: time without any worker after which the run fails [s]
+_WORKER_CHECK_INTERVAL_S = 1.0  #: interval at which the presence of workers is checked while no result arrives
+_JOBS_PER_THREAD = 3  #: jobs submitted in advance for each thread of the cluster
+_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")  #: host and port of a scheduler
 
 
 @contextmanager
 def open_cluster(address: str) -> Iterator[Any]:
-    """A Dask client of the scheduler at `address`, closed after the block.
+    """Open a Dask client of the scheduler at `address`, closed after the block.
 
-    Raises InputError if nothing answers there, if it has no workers, or if they have other versions than this computer.
+    Raises InputError if the scheduler does not respond, has no workers, or versions differ from those of this computer.
     """
     try:
-        distributed: Any = import_module("distributed")  # which has types only in parts
+        distributed: Any = import_module("distributed")  # it has types only in parts
     except ImportError as cause:
         raise InputError("--scheduler needs dask.distributed: pip install 'haptorb[cluster]'") from cause
-    if not _ADDRESS.fullmatch(address):  # a client that is made for it fails a second time when it is thrown away
+    if not _ADDRESS.fullmatch(address):  # a client of an invalid address fails a second time when it is deleted
         raise InputError(
             f"'{address}' is not the address of a Dask scheduler; give the one that `dask scheduler` prints, such as "
             "tcp://127.0.0.1:8786"
@@ -142,7 +142,7 @@ def open_cluster(address: str) -> Iterator[Any]:
 
 
 def count_threads(client: Any) -> int:
-    """Threads of all workers that the cluster has now."""
+    """Return the number of threads of all present workers."""
     return sum(client.nthreads().values())
 
 
@@ -154,20 +154,20 @@ def run_jobs(
     after: str = "start again",
     killed: Callable[[Job], Result] | None = None,
 ) -> Iterator[Result]:
-    """What `function`, which stands in a module, returns for each job; as they come, each once.
+    """Yield the results of `function`, defined in a module, for all jobs; in order of completion, each once.
 
-    after   what a person does when the cluster has failed
-    killed  gives the result of a job that killed four workers
+    after   advice to the user if the cluster failed
+    killed  returns the result of a job that killed four workers
 
-    Raises InputError when the cluster fails: its scheduler goes away, no worker has come for a minute, or the same job
-    killed four of them and there is no `killed`. What the function raises is raised here.
+    Raises InputError if the cluster fails: its scheduler disconnects, no worker joins for a minute, or the same job
+    killed four workers and there is no `killed`. Exceptions of the function are raised here.
     """
     call = _make_call(function.__module__, function.__qualname__, list_versions())
     address = client.scheduler.address
     source, pending, done = iter(jobs), dict[Any, Job](), SimpleQueue[Any]()
     try:
         while True:
-            room = _AHEAD * max(1, count_threads(client)) - len(pending)
+            room = _JOBS_PER_THREAD * max(1, count_threads(client)) - len(pending)
             fresh = list(islice(source, max(room, 0)))
             for future, job in zip(client.map(call, fresh, pure=False) if fresh else (), fresh, strict=True):
                 pending[future] = job
@@ -185,7 +185,7 @@ def run_jobs(
             yield result
     except (HaptorbError, GeneratorExit):
         raise
-    except Exception as cause:  # a scheduler that went away, a job that kills its workers
+    except Exception as cause:  # a disconnected scheduler, a job that kills its workers
         raise InputError(f"the Dask cluster at '{address}' failed: {_shorten(cause)}; {after}") from cause
     finally:
         if pending and client.status == "running":
@@ -193,7 +193,7 @@ def run_jobs(
 
 
 def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
-    """A future that is done; RuntimeError without a worker to compute one."""
+    """Return a completed future; RuntimeError if no worker remains to compute one."""
     deserted = None
     while True:
         try:
@@ -201,12 +201,12 @@ def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
         except Empty:
             now = time.monotonic()
             deserted = None if client.nthreads() else (deserted or now)
-            if deserted is not None and now - deserted > _DESERTED:
-                raise RuntimeError(f"it has had no worker for {_DESERTED:.0f} s") from None
+            if deserted is not None and now - deserted > _NO_WORKER_TIMEOUT_S:
+                raise RuntimeError(f"it has had no worker for {_NO_WORKER_TIMEOUT_S:.0f} s") from None
 
 
 def _make_call(module: str, name: str, versions: dict[str, str]) -> Callable[[Any], Any]:
-    """A function that travels with its code, because a worker of another version may not know this module."""
+    """Return a function that is sent with its code, because a worker of another version may not have this module."""
 
     def call(job: Any) -> Any:
         from importlib import import_module
@@ -223,7 +223,7 @@ def _make_call(module: str, name: str, versions: dict[str, str]) -> Callable[[An
 
 
 def _check_cluster(client: Any, address: str) -> None:
-    """InputError unless the cluster has workers, with the versions of this computer."""
+    """Raise InputError unless the cluster has workers, with the versions of this computer."""
     if not client.nthreads():
         raise InputError(f"the Dask scheduler at '{address}' has no workers: start some with `dask worker {address}`")
     try:
@@ -241,24 +241,24 @@ def _shorten(cause: Exception) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# How many processes this computer has room for.
+# Number of processes for this computer.
 
 
 def count_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 # --------------------------------------------------------------------------------------------------
-# How this program starts Python: a child process imports nothing from the current folder.
+# Start of Python child processes that import nothing from the current folder.
 #
-# `python -m` and `python -c` put the current folder first on the import path. Whoever may write there, or has a
-# `random.py` there for another purpose, would have it run inside the process that holds the coils. Every child is
-# therefore started with `-P`; one that needs nothing of the user's with `-I`, which leaves out PYTHONPATH too.
+# `python -m` and `python -c` put the current folder first on the import path. A `random.py` there, whoever wrote it,
+# would be executed in the process that holds the coils. Every child is therefore started with `-P`; one that needs no
+# code of the user with `-I`, which ignores PYTHONPATH too.
 
 
-#: An isolated process finds this package, and what it needs, where this process found them: the package before another
-#: version of it that is installed, and after Python's own modules.
+#: An isolated process finds this package and its dependencies where this process found them: the package before
+#: another installed version of it, and after Python's own modules.
 _ISOLATED = (
     "import sys; root, user, module = sys.argv[1:4]; del sys.argv[1:4]; "
     "at = next((n for n, one in enumerate(sys.path) if one.endswith('-packages')), len(sys.path)); "
@@ -269,9 +269,9 @@ _ISOLATED = (
 
 
 def python_command(module: str, *arguments: str, isolated: bool = False) -> list[str]:
-    """The command for `python -m module arguments` that imports nothing from the current folder.
+    """Return the command for `python -m module arguments` that imports nothing from the current folder.
 
-    `isolated`: nor from PYTHONPATH, for what needs no code of the user's.
+    `isolated`: nor from PYTHONPATH, for modules that need no code of the user.
     """
     if not isolated:
         return [sys.executable, "-P", "-m", module, *arguments]  # safety: no-current-folder
@@ -280,17 +280,17 @@ def python_command(module: str, *arguments: str, isolated: bool = False) -> list
 
 
 def _own_folders() -> tuple[str, str]:
-    """Where this package lies, and the account's own packages if this process uses them, else nothing."""
+    """Return the folder of this package, and the account's site-packages if this process uses them, else nothing."""
     root = str(Path(__file__).resolve().parents[1])
     return root, site.getusersitepackages() if site.ENABLE_USER_SITE else ""
 
 
 def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
-    """This process's environment for a child, and `more` that it has not set itself.
+    """Return this process's environment for a child, with those entries of `more` that are not set yet.
 
-    An empty entry of PYTHONPATH, which an `export PYTHONPATH=$PYTHONPATH:...` leaves, means the current folder: it is
-    left out. A package that is not installed, because the program found it by a `sys.path` of its own, comes first: the
-    child would run another version, or none.
+    An empty entry of PYTHONPATH, left by `export PYTHONPATH=$PYTHONPATH:...`, means the current folder: it is removed.
+    A package that is not installed, found by a modified `sys.path`, comes first: otherwise the child would run another
+    version, or none.
     """
     found = {**(more or {}), **os.environ}
     if "PYTHONPATH" in found:
@@ -304,7 +304,7 @@ def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
 
 
 def append_folders(folders: Iterable[str]) -> None:
-    """Let modules be found in `folders` too: after everything else, so that they hide nothing."""
+    """Append `folders` to the import path, after all others, so that they shadow nothing."""
     for one in folders:
         folder = os.path.abspath(one)
         if folder not in sys.path:
@@ -312,27 +312,27 @@ def append_folders(folders: Iterable[str]) -> None:
 
 
 def pack(what: Any) -> bytes:
-    """`what` pickled with its code and with the folders in which its modules were found, for a process of this run."""
+    """Pickle `what` with its code and the folders of its modules, for a process of this run."""
     return pickle.dumps(([os.path.abspath(one) for one in sys.path], pickle_with_code(what)))
 
 
 def unpack(content: bytes) -> Any:
-    """What was given to `pack`; only for what a process of this run has just packed."""
+    """Return what was given to `pack`; only for data that a process of this run has just packed."""
     folders, packed = pickle.loads(content)
     append_folders(folders)
     return pickle.loads(packed)
 
 
 # --------------------------------------------------------------------------------------------------
-# `multiprocessing` with new interpreters that import nothing from the current folder, as `python_process` has it.
+# `multiprocessing` with new interpreters that import nothing from the current folder, as `python_command` does.
 
 
-_changing = RLock()  # the environment
+_changing = RLock()  # guards the environment
 
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Python processes that are started meanwhile import nothing from the current folder."""
+    """Within the block, Python child processes import nothing from the current folder."""
     with _changing:
         before = os.environ.get("PYTHONSAFEPATH")
         os.environ["PYTHONSAFEPATH"] = "1"
@@ -357,8 +357,8 @@ class _Context(SpawnContext):
 
 
 def spawn_context() -> SpawnContext:
-    """For `multiprocessing`: new interpreters, which import nothing from the current folder."""
+    """Return the `multiprocessing` context whose new interpreters import nothing from the current folder."""
     with _safe_path():
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # a Python process too
+            resource_tracker.ensure_running()  # it starts a Python process too
     return _Context()

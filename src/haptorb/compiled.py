@@ -1,13 +1,13 @@
 """Compilation of kernels: one decorator, and a cache that detects changed sources.
 
 A kernel is compiled once per machine and kept under the user's cache folder. numba looks only at the file that holds
-a kernel, not at the kernels that it calls; so each file's kernels are kept in a folder named after the state of that
-file and of all the package's files that it imports from, directly or by way of others. A change elsewhere costs no
-compilation.
+a kernel, not at the kernels that it calls; so each file's kernels are stored in a folder named after the digest of that
+file and of all files of the package that it imports, directly or indirectly. A change elsewhere causes no
+recompilation.
 
-numba takes most of a second to load, and to read a device file it is not needed. Until the first kernel is
-called, every kernel is a `PostponedKernel`; that call loads numba and puts compiled functions in the place of all of
-them. What runs beside a clock calls `load_compiler` before it starts.
+Loading numba takes most of a second, and reading a device file does not need it. Until the first call, every kernel is
+a `PostponedKernel`; that call loads numba and replaces all of them by compiled functions. A process with deadlines
+calls `load_compiler` before it starts.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ def tell_compiling(tell: Callable[[], object]) -> None:
 
 @contextmanager
 def forbid_compiling() -> Iterator[list[str]]:
-    """In this thread, load kernels from the cache only; one that is missing raises UncompiledKernelError when called.
+    """In this thread, load kernels from the cache only; a missing one raises UncompiledKernelError when called.
 
-    Yields the names of those that did: who catches everything, as a tick does, swallows the exception.
+    Yields the names of the missing kernels: a caller that catches all exceptions, as a tick does, hides the error.
     """
     before, _thread.missing = getattr(_thread, "missing", None), list[str]()
     try:
@@ -129,10 +129,10 @@ def _neighbours(path: Path) -> tuple[bytes, tuple[Path, ...]]:
 
 @cache
 def _digest_sources(path: Path) -> bytes:
-    """Digest of `path` and of everything that it imports from the package; empty for other files.
+    """Return a digest of `path` and of all files of the package that it imports; empty for other files.
 
-    Taken when the file's first kernel is declared: a source that is edited between that and the first call must not
-    pass for what was compiled.
+    Computed when the file's first kernel is declared: a source edited between that and the first call must not be
+    mistaken for the compiled one.
     """
     if not path.is_relative_to(_PACKAGE):
         return b""
@@ -153,7 +153,7 @@ def _digest_sources(path: Path) -> bytes:
 def _folder(path: Path) -> str:
     """Cache folder of the kernels of the file `path`, private to this account; "" if there is none.
 
-    numba's own choice would be the folder of the file: who may write there may have his code executed.
+    numba would use the folder of the file: whoever can write there could have code executed.
     """
     try:
         chosen = _chosen_folder()
@@ -206,7 +206,7 @@ def _is_ours(function: Callable[..., Any]) -> bool:
 
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, bool]) -> Any:
-    """numba's dispatcher: it compiles `function` for each new combination of types."""
+    """Return numba's dispatcher, which compiles `function` for each new combination of types."""
     load_numba()
     _watch_compiling()
     return compile_function(function, _folder(_find_source(function)), **options)
@@ -284,12 +284,12 @@ def kernel(function: Function) -> Function:
 
 
 def vector_kernel(function: Function) -> Function:
-    """A `kernel` with vectorised loops: for loops over many numbers, as it takes longer to compile."""
+    """Compile a `kernel` with vectorised loops: for loops over many numbers, as compilation takes longer."""
     return _compile(function, vectors=True)
 
 
 def exact_kernel(function: Function) -> Function:
-    """A `kernel` in which operations are neither reordered nor fused: the same bits on every processor.
+    """Compile a `kernel` in which operations are neither reordered nor fused: the same bits on every processor.
 
     For iterations whose number of steps depends on rounding: reordering may change more than the last digit.
     """
@@ -297,10 +297,10 @@ def exact_kernel(function: Function) -> Function:
 
 
 def tick_kernel(function: Function) -> Function:
-    """A `kernel` that Python calls in every tick: it does not create or return an array, and takes microseconds.
+    """Compile a `kernel` that Python calls in every tick: it creates and returns no array, and takes microseconds.
 
-    So no references are counted, which halves the time of a call, and the interpreter lock is not released: to get it
-    back may take longer than the kernel.
+    Therefore references are not counted, which halves the time of a call, and the interpreter lock is kept: reacquiring
+    it may take longer than the kernel.
     """
     return _compile(function, brief=True)
 
@@ -315,8 +315,8 @@ _HEAD = 3  #: header entries per array: offset, rows, columns
 
 
 def pack(*parts: ArrayLike) -> Array:
-    """(n,) all `parts` (…, columns), each as rows of its last axis, after a table of their offsets. Units are
-    unchanged.
+    """Pack all `parts` (…, columns) into one array (n,), each as rows of its last axis, after a table of their offsets.
+    Units are unchanged.
 
     >>> part(pack([1.0, 2.0], [[3.0], [4.0]]), 1).tolist()
     [[3.0], [4.0]]
@@ -330,7 +330,7 @@ def pack(*parts: ArrayLike) -> Array:
 
 @kernel
 def part(blob: Array, number: int) -> Array:
-    """(rows, columns) part `number` of a packed array: a view, in the part's own unit."""
+    """Return part `number` (rows, columns) of a packed array: a view, in the part's own unit."""
     start, rows, columns = int(blob[3 * number]), int(blob[3 * number + 1]), int(blob[3 * number + 2])
     view: Array = blob[start : start + rows * columns].reshape((rows, columns))
     return view

@@ -1,6 +1,6 @@
 """Small HTML for notebooks and reports: facts, tables, curves.
 
-Only the curves have colours of their own: it fits light and dark pages.
+Only the curves have fixed colours; everything else adapts to light and dark pages.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ __all__ = [
 ]
 
 
-#: Okabe and Ito's colours: distinguished with any colour vision
+#: Okabe and Ito's colours, distinguishable with any colour vision
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 520, 130, 52, 22  #: of a picture, and room for its numbers [px]
-_POINTS = 200  #: places across a curve
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 520, 130, 52, 22  #: size of a figure, and margins for its axis labels [px]
+_POINTS = 200  #: sampling points across a curve
 _LEFT_CELL = "text-align:left;vertical-align:top;padding:0 1em 0 0"
 _RIGHT_CELL = "text-align:right;vertical-align:top;padding:0 1em 0 0"
 
 
 def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> str:
-    """A title, a table of names and texts, and `more` HTML below it.
+    """Return a title, a table of names and texts, and `more` HTML below it.
 
     >>> facts_html("omni", [("supply", "12 V")]).count("<td")
     1
@@ -54,7 +54,7 @@ def facts_html(title: str, facts: Iterable[tuple[str, str]], more: str = "") -> 
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; the first column is text, the others are numbers.
+    """Return a table; the first column is text, the others are numbers.
 
     >>> table_html(["", "x [N/A]"], [["F_x", "0.1"]]).count("<tr>")
     2
@@ -69,7 +69,7 @@ def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 @record
 class Link:
-    """A cell of a table: `text` that opens `to` in another tab."""
+    """Table cell with `text` that opens `to` in another tab."""
 
     text: str
     to: str
@@ -94,7 +94,7 @@ def scroll_table_html(heads: Sequence[str], rows: Iterable[Sequence[object]]) ->
 
 
 def pre_html(text: str) -> str:
-    """Text as a terminal shows it.
+    """Return `text` in a fixed-width font, as a terminal shows it.
 
     >>> pre_html("a < b")
     "<pre style='line-height:1.25'>a &lt; b</pre>"
@@ -103,10 +103,10 @@ def pre_html(text: str) -> str:
 
 
 def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_title: str) -> str:
-    """Curves over `x` (n,) as an SVG picture; each of `curves` is a name and (n,) values, in the units of the titles.
+    """Draw curves over `x` (n,) as SVG; each of `curves` is a name and (n,) values, in the units of the titles.
 
-    A curve with more points than the picture shows is drawn from the lowest to the highest of each interval, so that no
-    peak is lost. What is not finite is left out. Empty without two points to join.
+    A curve with more points than the figure resolves is drawn from the minimum to the maximum of each interval, so that
+    no peak is lost. Non-finite values are left out. Empty if there are not two points to connect.
 
     >>> curves_svg(np.array([0.0, 1.0]), [("force", np.array([0.0, 0.5]))], "s", "N").count("<polyline")
     1
@@ -117,7 +117,7 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
         return ""
     low, high = float(ordinates.min()), float(ordinates.max())
     span = high - low or 1.0
-    right, top = _WIDTH - 8, 20  # the names stand above
+    right, top = _WIDTH - 8, 20  # the legend is above
 
     def place(t: Array, y: Array) -> str:
         across = _LEFT + (t - x[0]) / (x[-1] - x[0]) * (right - _LEFT)
@@ -146,7 +146,7 @@ def curves_svg(x: Array, curves: Sequence[tuple[str, Array]], x_title: str, y_ti
 
 
 def _join_points(x: Array, y: Array) -> tuple[Array, Array]:
-    """The curve itself, or lowest and highest of each interval of a long one; an interval of NaN stays NaN."""
+    """Return the curve itself, or minimum and maximum of each interval of a long one; an interval of NaN stays NaN."""
     stretch = -(-len(x) // _POINTS)
     if stretch < 2:
         return x, y
@@ -162,26 +162,26 @@ def _cell(column: int) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# What values have in common that a notebook shows: one or two lines of text, and a small table as HTML.
+# Common display of values in a notebook: one or two lines of text, and a small HTML table.
 
 
 class Presentable:
-    """Shows itself by a summary of one or two lines, and by facts. Dataclasses keep this `repr` and write none.
+    """Base of objects with a summary of one or two lines and a table of facts. Dataclasses keep this `repr`.
 
-    The names begin with an underscore because subclasses have fields that other people name.
+    The names begin with an underscore because users name the fields of subclasses.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         if "__repr__" not in vars(cls):
-            cls.__repr__ = cls.__repr__  # type: ignore[method-assign]  # `dataclass` writes its own where it finds none
+            cls.__repr__ = cls.__repr__  # type: ignore[method-assign]  # otherwise `dataclass` would define its own
 
     def _summarize(self) -> str:
-        """What it is, in one or two lines."""
+        """Summarise the object in one or two lines."""
         return object.__repr__(self)
 
     def _list_facts(self) -> list[tuple[str, str]]:
-        """Names and figures with units, for a table."""
+        """List names and figures with units, for a table."""
         return []
 
     def __repr__(self) -> str:
@@ -191,23 +191,23 @@ class Presentable:
         return facts_html(self._summarize(), self._list_facts(), self._picture_html())
 
     def _picture_html(self) -> str:
-        """HTML below the table; empty for none."""
+        """Return HTML below the table; empty for none."""
         return ""
 
 
 # --------------------------------------------------------------------------------------------------
-# Numbers with units as people read them: three digits, and the prefix that suits the size.
+# Numbers with units: three digits, and a suitable prefix.
 
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
-#: a unit that begins with one of these takes a prefix
+#: units that begin with one of these take a prefix
 _PREFIXED = frozenset({"m", "s", "A", "N", "W", "V", "Ω", "H", "T", "J", "Hz", "Pa", "rad"})
-#: a unit without a prefix of its own → the unit that is read below a tenth of it, and its power of ten
+#: a unit without prefixes → the unit used below a tenth of it, and its power of ten
 _SMALLER = {"kg": ("g", -3), "m³": ("cm³", -6)}
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """`value` with that many digits, without an exponent where it can be read without one.
+    """Format `value` with that many digits, without an exponent where that is readable.
 
     >>> format_number(0.05), format_number(999.7), format_number(1234.56)
     ('0.05', '1000', '1235')
@@ -224,7 +224,7 @@ def format_number(value: float, digits: int = 3) -> str:
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:
-    """`value` in `unit` [SI], with a prefix where the unit takes one.
+    """Format `value` in `unit` [SI], with a prefix where the unit takes one.
 
     >>> format_quantity(0.0529, "N/A"), format_quantity(8000.0, "A/s"), format_quantity(298.15, "K")
     ('52.9 mN/A', '8 kA/s', '298 K')
@@ -236,7 +236,7 @@ def format_quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
-    """Several numbers in one unit, with the prefix that suits the largest.
+    """Format several numbers in one unit, with the prefix that suits the largest.
 
     >>> format_vector((0.0, 0.0, 0.05), "m")
     '(0, 0, 50) mm'
@@ -245,13 +245,13 @@ def format_vector(values: Iterable[float], unit: str, digits: int = 3) -> str:
     largest = max((abs(value) for value in numbers if math.isfinite(value)), default=0.0)
     power, shown = _choose_unit(largest, unit, digits)
     scaled = [value / 10.0**power for value in numbers]
-    # What is tiny beside the largest is rounding, and reads as zero.
+    # Values far smaller than the largest are rounding errors, shown as zero.
     texts = [format_number(0.0 if abs(value) < 1e-9 * largest / 10.0**power else value, digits) for value in scaled]
     return f"({', '.join(texts)}) {shown}".rstrip()
 
 
 def scale_unit(size: float, unit: str) -> tuple[float, str]:
-    """What numbers of about `size` in `unit` [SI] are multiplied with to be shown, and the unit they are then in.
+    """Return the factor for displaying numbers of about `size` in `unit` [SI], and the resulting unit.
 
     >>> scale_unit(0.0123, "N·m"), scale_unit(0.0123, "mm²")
     ((1000.0, 'mN·m'), (1.0, 'mm²'))
@@ -261,7 +261,7 @@ def scale_unit(size: float, unit: str) -> tuple[float, str]:
 
 
 def _choose_unit(size: float, unit: str, digits: int) -> tuple[int, str]:
-    """The unit that suits `size` [unit], and its power of ten; `unit` itself, and 0, where it takes no prefix.
+    """Return the unit that suits `size` [unit], and its power of ten; `unit` itself and 0 if it takes no prefix.
 
     A square takes none: mm² is not 1e-3 m².
     """

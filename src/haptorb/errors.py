@@ -43,23 +43,23 @@ __all__ = [
 
 
 class _Short(reprlib.Repr):
-    """Python's own shortening, and integers too long to be written."""
+    """`reprlib.Repr` that also shortens integers with many digits."""
 
     def __init__(self) -> None:
         super().__init__()
         self.maxlevel, self.maxother, self.maxlist, self.maxtuple, self.maxdict = 3, 60, 6, 6, 4
 
     def repr_int(self, x: int, level: int) -> str:
-        """All digits, or their number if there are many."""
+        """Format all digits, or only their number if there are many."""
         return repr(x) if x.bit_length() < 200 else f"an integer of {int(x.bit_length() * 0.30103) + 1} digits"
 
     def repr_str(self, x: str, level: int) -> str:
-        """Escaped, and shortened if it is long."""
+        """Escape the text, and shorten it if it is long."""
         return repr(x) if len(x) <= self.maxstring else f"{x[: self.maxstring]!r} and {len(x) - self.maxstring} more"
 
 
 def quote(value: object, most: int = 60) -> str:
-    """`value` as a message may show it: one line without control characters, texts of at most `most` characters.
+    """Return `value` for a message: one line without control characters, texts of at most `most` characters.
 
     >>> quote("1 m"), quote("a\\nb"), quote(10**400)
     ("'1 m'", "'a\\\\nb'", 'an integer of 401 digits')
@@ -147,7 +147,7 @@ class DriverError(HaptorbError):
 
 
 class HostSilent(DriverError):
-    """The hardware switched off because this computer was silent for a moment; nothing is broken."""
+    """The hardware switched off because this computer was silent for a moment; no fault."""
 
 
 class RecordingError(HaptorbError):

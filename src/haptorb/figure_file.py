@@ -1,4 +1,4 @@
-"""Pictures that commands write: which files can be one, and writing them whole or not at all."""
+"""Figures that commands write: check of the path, and atomic writing."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMATS", "check_figure_file", "write_figure"]
 
-#: endings of file names, which are the formats
+#: supported formats, by file name extension
 FORMATS = (".png", ".svg", ".pdf")
 
 
 def check_figure_file(path: Path, option: str) -> Path:
-    """`path` if a picture can be written there; InputError, which calls it `option`, otherwise.
+    """Return `path` if a figure can be written there; otherwise InputError that names the `option`.
 
     >>> check_figure_file(Path("card.pdf"), "--plot").name
     'card.pdf'
@@ -38,7 +38,7 @@ def check_figure_file(path: Path, option: str) -> Path:
 
 
 def write_figure(figure: Figure, path: Path, option: str) -> None:
-    """Write `figure` in the format of the name of `path`; InputError where that folder takes no file."""
+    """Write `figure` in the format of the extension of `path`; InputError if the folder is not writable."""
     try:
         with replace_file(path) as part:
             figure.savefig(part, format=path.suffix.lower()[1:], dpi=150)

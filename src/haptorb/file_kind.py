@@ -1,4 +1,4 @@
-"""Detection of a file's kind from its beginning, for messages such as on a recording given as a calibration."""
+"""Detection of a file's kind from its first bytes, for messages such as on a recording given as a calibration."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from haptorb.files import open_regular, parse_json, parse_toml
 
 __all__ = ["FileKind", "find_kind"]
 
-_HEAD = 256 * 1024  #: bytes that are looked at; the longest file of text that people write
+_HEAD = 256 * 1024  #: bytes that are examined; more than the longest text file that a person writes
 _SQLITE = b"SQLite format 3\0"
-_DATABASE_TIMEOUT_S = 0.5  #: for a database's list of tables [s]
+_DATABASE_TIMEOUT_S = 0.5  #: timeout of reading a database's list of tables
 
 
 class FileKind(Enum):
-    """The kinds of files that haptorb reads or writes: what each is called, and what is done with it."""
+    """Kinds of files that haptorb reads or writes: name and use of each."""
 
     RECORDING = "a recording (MCAP)", "`haptorb info`, `view`, `replay` and `export` read it"
     DEVICE = "a device file", "`haptorb inspect` and `haptorb run` read it"
@@ -49,23 +49,23 @@ class FileKind(Enum):
 
     @property
     def title(self) -> str:
-        """What it is called, with its article."""
+        """Name of the kind, with its article."""
         return str(self.value[0])
 
     @property
     def use(self) -> str:
-        """What reads it; "" where nothing of haptorb does."""
+        """Commands that read it; "" if there are none."""
         return str(self.value[1])
 
     def explain_other(self, path: str | Path, head: bytes) -> str:
-        """Why the file `path`, which begins with `head`, is not of this kind, in one line; "" if it may be."""
+        """Explain why the file `path`, which begins with `head`, is of another kind; "" if it may be of this one."""
         found = _find(head[:_HEAD], Path(path))
         if found in (None, self) or (found is FileKind.EMPTY_DATABASE and self in _DATABASES):  # safety: kind-told
             return ""
         return self.explain_found(path, found)
 
     def explain_found(self, path: str | Path, found: FileKind) -> str:
-        """That the file `path` is `found` and not of this kind, and what reads it, in one line."""
+        """Explain in one line that the file `path` is `found` and not of this kind, and what reads it."""
         if found is self:
             return f"{quote(str(path), 300)[1:-1]} is {found.title}, whose name has another ending"
         use = f": {found.use}" if found.use else ""
@@ -82,7 +82,7 @@ _MAGIC = (
     (b"MM\0*", FileKind.PICTURE),
     (b"%PDF-", FileKind.PICTURE),
 )
-#: how the texts begin that stand under `format` or `kind` of a JSON file
+#: prefixes of the texts under `format` or `kind` in a JSON file
 _FORMATS = (
     ("haptorb-calibration-steps", FileKind.CALIBRATION_STEPS),
     ("haptorb-calibration", FileKind.CALIBRATION),
@@ -103,7 +103,7 @@ _HEADED = re.compile(r"[\w.\[\]]+(?: \[[^\]\n]*\])?(?:[,;\t][\w.\[\]]+(?: \[[^\]
 
 
 def find_kind(path: str | Path) -> FileKind | None:
-    """The kind of the regular file `path`; None if it cannot be read, or is none of the known ones."""
+    """Return the kind of the regular file `path`; None if it cannot be read, or its kind is unknown."""
     place = Path(path)
     try:
         with open_regular(place, "file", HaptorbError) as file:
@@ -124,7 +124,7 @@ def _find(head: bytes, path: Path) -> FileKind | None:
     except UnicodeDecodeError:
         text = ""
     if not text:
-        text = head.partition(b"\n")[0].decode("utf-8", "replace")  # of networks, numbers follow
+        text = head.partition(b"\n")[0].decode("utf-8", "replace")  # of networks, binary numbers follow
     if text.lstrip().startswith("{"):
         return _find_json(text)
     if (tag := _TAG.match(text)) is not None:
@@ -154,7 +154,7 @@ def _find_json(text: str) -> FileKind | None:
 
 
 def _find_toml(raw: Mapping[str, Any]) -> FileKind | None:
-    """By the keys that one kind has and no other."""
+    """Return the kind by keys that no other kind has."""
     keys = set(raw)
     if isinstance(raw.get("registration"), Mapping):
         return FileKind.REGISTRATION
@@ -170,9 +170,9 @@ def _find_toml(raw: Mapping[str, Any]) -> FileKind | None:
 
 
 def _find_database(path: Path) -> FileKind:
-    """By the names of its tables, read without a lock and without a change of the file or of anything beside it."""
+    """Return the kind by the names of its tables, read without a lock and without changing any file."""
     names: set[str] = set()
-    with suppress(sqlite3.Error, ValueError, MemoryError):  # the last one is what SQLite says of some damaged files
+    with suppress(sqlite3.Error, ValueError, MemoryError):  # SQLite reports some damaged files as the last one
         place = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         with closing(sqlite3.connect(place, uri=True)) as connection:
             end = monotonic() + _DATABASE_TIMEOUT_S

@@ -1,7 +1,7 @@
-"""Files from people and programs: regular files of bounded size, TOML and JSON of bounded depth, or one sentence.
+"""Reading of untrusted files: regular files of bounded size, TOML and JSON of bounded depth; errors are one sentence.
 
-A file's content cannot be trusted: it may be a device that never ends, a megabyte of brackets, or a number of a
-thousand digits. Each of them must end in the reader's own error, at once and with little memory.
+A file's content cannot be trusted: it may be an endless device, a megabyte of brackets, or a number of a thousand
+digits. Each of them must raise the reader's own error, quickly and with little memory.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ __all__ = [
 
 
 _TOML = 256 * 1024  #: bytes of a TOML file
-_DEEP = 16  #: tables and lists within one another
-_DOTS = 64  #: parts of a dotted key: the time to read one grows with their square
+_MAX_DEPTH = 16  #: nesting depth of tables and lists
+_MAX_KEY_PARTS = 64  #: parts of a dotted key: parsing time grows with their square
 _DOTTED = re.compile(r"[\w\"'-]+(?:[ \t]*\.[ \t]*[\w\"'-]+)*")
 
 
 class RecognisedKind(Protocol):
-    """A kind of file that can be told from others."""
+    """A kind of file that can be distinguished from others."""
 
     def explain_other(self, path: str | Path, head: bytes) -> str:
-        """Why the file `path`, which begins with `head`, is of another kind; "" if it may be of this one."""
+        """Explain why the file `path`, which begins with `head`, is of another kind; "" if it may be of this one."""
 
 
 class _File(io.FileIO):
-    """A file that is never waited for: some of /proc and /sys are regular, and reading them waits for news."""
+    """Non-blocking file: some regular files of /proc and /sys block until there is new data."""
 
     def readinto(self, buffer: Any, /) -> int:
         count = super().readinto(buffer)
@@ -80,18 +80,18 @@ class _File(io.FileIO):
 
 @contextmanager
 def open_regular(path: str | Path, what: str, error: type[HaptorbError]) -> Iterator[BinaryIO]:
-    """The regular file `path`, open for reading; every file that a person or another file names is opened here.
+    """Open the regular file `path` for reading; every file named by a user or another file is opened here.
 
-    Neither a pipe nor a device is waited for, read or, as a terminal would be, changed.
+    Pipes and devices are neither waited for, nor read, nor changed, as a terminal would be.
 
-    Raises `error`, naming `what` it is, if the file cannot be opened or read, or is no regular file.
+    Raises `error`, which names `what` it is, if the file cannot be opened or read, or is not a regular file.
     """
     name = quote(str(path), 300)[1:-1]
     try:
         file = io.BufferedReader(_File(Path(path).expanduser(), "rb", opener=_open_at_once))
     except OSError as cause:
         raise error(f"{what} {name}: cannot be read ({cause.strerror})") from cause
-    except (ValueError, RuntimeError) as cause:  # a zero byte in its name, or the folder of an unknown user
+    except (ValueError, RuntimeError) as cause:  # a zero byte in the name, or the home of an unknown user
         raise error(f"{what} {name}: cannot be read (not the name of a file)") from cause
     with file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):  # safety: regular-file
@@ -105,10 +105,10 @@ def open_regular(path: str | Path, what: str, error: type[HaptorbError]) -> Iter
 def read_bytes(
     path: str | Path, most: int, what: str, error: type[HaptorbError], kind: RecognisedKind | None = None
 ) -> bytes:
-    """The bytes of the regular file `path`, at most `most`.
+    """Return the bytes of the regular file `path`, at most `most`.
 
-    Raises `error` naming `what` it is if it cannot be read, is no regular file, is longer, or if it is recognised as
-    another `kind` of file.
+    Raises `error`, which names `what` it is, if it cannot be read, is not regular or is longer, or if it is recognised
+    as another `kind` of file.
     """
     name = quote(str(path), 300)[1:-1]
     with open_regular(path, what, error) as file:
@@ -123,8 +123,8 @@ def read_bytes(
 def read_text(
     path: str | Path, what: str, error: type[HaptorbError], most: int = _TOML, kind: RecognisedKind | None = None
 ) -> str:
-    """The UTF-8 text of the file `path`, without a byte order mark. Raises `error` as `read_bytes` does, and if it is
-    no text or has another encoding."""
+    """Return the UTF-8 text of the file `path`, without a byte order mark. Raises `error` as `read_bytes` does, and if
+    it is not text or has another encoding."""
     content = read_bytes(path, most, what, error, kind)
     where = f"{what} {quote(str(path), 300)[1:-1]}"
     if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) or content.count(0) > len(content) // 4 > 0:
@@ -142,37 +142,37 @@ def read_text(
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables that `text` describes. Raises ValueError (one line) if it is no TOML, or is nested too deep."""
+    """Parse TOML into tables. Raises ValueError (one line) if it is invalid or nested too deeply."""
     if len(text) > _TOML:
         raise ValueError(f"it is longer than {_TOML} characters")
-    if any(found.group().count(".") > _DOTS for found in _DOTTED.finditer(text)):
-        raise ValueError(f"a key has more than {_DOTS} parts")
+    if any(found.group().count(".") > _MAX_KEY_PARTS for found in _DOTTED.finditer(text)):
+        raise ValueError(f"a key has more than {_MAX_KEY_PARTS} parts")
     try:
         raw = tomllib.loads(text)
     except RecursionError as cause:
-        raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
+        raise ValueError(f"it is nested deeper than {_MAX_DEPTH} levels") from cause
     _check_depth(raw)
     return raw
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What the JSON `text` says. Raises ValueError (one line) if it is no JSON, or is nested too deep."""
+    """Parse JSON. Raises ValueError (one line) if it is invalid or nested too deeply."""
     try:
         raw = json.loads(text)
     except RecursionError as cause:
-        raise ValueError(f"it is nested deeper than {_DEEP} levels") from cause
+        raise ValueError(f"it is nested deeper than {_MAX_DEPTH} levels") from cause
     _check_depth(raw)
     return raw
 
 
 def _open_at_once(path: str, flags: int) -> int:
-    """An `opener` for Python's `open`: a pipe without a writer is not waited for, where the system has such pipes."""
+    """Open a file without waiting for the writer of a pipe; an `opener` for Python's `open`."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
 def _check_depth(raw: Any) -> None:
     level = [raw]
-    for _ in range(_DEEP):
+    for _ in range(_MAX_DEPTH):
         level = [
             part
             for found in level
@@ -181,21 +181,21 @@ def _check_depth(raw: Any) -> None:
         ]
         if not level:
             return
-    raise ValueError(f"it is nested deeper than {_DEEP} levels")
+    raise ValueError(f"it is nested deeper than {_MAX_DEPTH} levels")
 
 
 # --------------------------------------------------------------------------------------------------
-# Files that are there whole or not at all: written beside their place, then moved there.
+# Atomic replacement of a file: it is written beside its destination, then moved there.
 
 
 @contextmanager
 def replace_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
-    """Yield a path beside `path` to write to; the file there takes the place of `path` when the block ends.
+    """Yield a path beside `path` to write to; that file replaces `path` when the block ends.
 
-    If the block raises, `path` stays as it was and nothing is left beside it. The name is new for each call: processes
-    may write the same file at once. `sync` waits until the content is on the disk: a power cut loses nothing.
+    If the block raises, `path` is unchanged and no other file remains. The name is new for each call: several processes
+    may write the same file at once. `sync` waits until the content is on the disk, so that a power cut loses nothing.
 
-    Raises OSError for what is there and no file: a device such as /dev/null, or a pipe, must not be replaced by one.
+    Raises OSError if `path` exists and is not a regular file: a device such as /dev/null, or a pipe, is never replaced.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -211,7 +211,7 @@ def replace_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
     try:
         yield part
         if sync:
-            with part.open("rb+") as file:  # not every system writes out a file that is open for reading only
+            with part.open("rb+") as file:  # some systems cannot flush a file that is open for reading only
                 os.fsync(file.fileno())
         os.replace(part, path)
     except BaseException:
@@ -221,12 +221,12 @@ def replace_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Several files, or a folder, that are there whole or not at all: written beside their places, then moved there.
+# Atomic replacement of several files, or a folder: written beside their destinations, then moved there.
 
 
 @contextmanager
 def replace_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Yield a path beside each of `paths` to write to; all take their places when the block ends, or none does.
+    """Yield a path beside each of `paths` to write to; all replace `paths` when the block ends, or none does.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -246,7 +246,7 @@ def replace_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 @contextmanager
 def replace_folder(path: Path) -> Iterator[Path]:
-    """Yield a new folder beside `path` to write into; it takes the place of `path`, if that exists, at the end."""
+    """Yield a new folder beside `path` to write into; it replaces `path`, if that exists, at the end."""
     part = _name_beside(path, "part")
     try:
         part.mkdir(parents=True)
@@ -257,7 +257,7 @@ def replace_folder(path: Path) -> Iterator[Path]:
 
 
 def _move_all(moves: list[tuple[Path, Path]]) -> None:
-    """Move every first path to its second; if one cannot be moved, all that was there is there again."""
+    """Move every first path to its second; if one move fails, undo all."""
     old = {path: _name_beside(path, "old") for _, path in moves}
     done: list[Path] = []
     try:
@@ -282,7 +282,7 @@ def _name_beside(path: Path, end: str) -> Path:
 
 
 def _remove(path: Path) -> None:
-    """Without a word where there is nothing; a link goes, not what it leads to."""
+    """Remove a file or folder if it exists; of a link only the link."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return
@@ -291,14 +291,14 @@ def _remove(path: Path) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Text that a file brings with it: shown as it is written, and never as what a terminal, table or system makes of it.
+# Untrusted text in files: shown literally, never interpreted by a terminal, spreadsheet or file system.
 #
-# A recording, database or scene may come from anybody. `visible` is for all that is printed, `foreign_text` for one
-# line of it, `foreign_name` for names of columns, files and members, and `escape_formula` for cells of a table.
-# `tests/contracts/test_poisoned_files.py` lists the commands that print or write such text, and tries each.
+# A recording, database or scene may come from anybody. `visible` is for all printed text, `foreign_text` for one
+# line of it, `foreign_name` for names of columns, files and archive members, and `escape_formula` for table cells.
+# `tests/contracts/test_poisoned_files.py` lists the commands that print or write such text, and tests each.
 
 
-#: control characters but line feed and tab; marks that turn the direction of writing; separators of lines; surrogates
+#: control characters but line feed and tab; bidirectional marks; line separators; surrogates
 _HIDDEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028\u2029\u202a-\u202e\u2060-\u2069\ufeff\ud800-\udfff"
     "\U000e0000-\U000e007f]"
@@ -306,13 +306,13 @@ _HIDDEN = re.compile(
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029]")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 _NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
-_NAME = 64  #: characters of a name
+_NAME = 64  #: characters of a name, at most
 
 
 def visible(text: str) -> str:
-    r"""`text` with `\x1b` and the like in place of what would act on a terminal, or hide or turn what is read.
+    r"""Escape, as `\x1b`, characters that control a terminal, are invisible, or change the writing direction.
 
-    Lines and tabs stay.
+    Lines and tabs are kept.
 
     >>> print(visible("a\x1b]52;c;cm0=\x07b"))
     a\x1b]52;c;cm0=\x07b
@@ -326,7 +326,7 @@ def _spell(letter: str) -> str:
 
 
 def foreign_text(value: object, most: int = 200) -> str:
-    r"""`value` as one visible line of at most `most` characters.
+    r"""Return `value` as one visible line of at most `most` characters.
 
     >>> print(foreign_text("one\ntwo" + "x" * 10, 12))
     one\ntwoxxx…
@@ -336,7 +336,7 @@ def foreign_text(value: object, most: int = 200) -> str:
 
 
 def foreign_name(value: object) -> str:
-    """`value` as a name of a column, a file or a member of an archive: letters, digits, `_`, `-` and single dots.
+    """Return `value` as a name of a column, file or archive member: letters, digits, `_`, `-` and single dots.
 
     >>> foreign_name("ball.place"), foreign_name("../../.bashrc"), foreign_name("=cmd|' /C calc'!A0")
     ('ball.place', 'bashrc', 'cmd_C_calc_A0')
@@ -347,9 +347,9 @@ def foreign_name(value: object) -> str:
 
 
 def escape_formula(text: str) -> str:
-    """`text` for a cell that no spreadsheet takes for a formula: where it begins like one, `'` stands before it.
+    """Return `text` for a table cell, with `'` before it if a spreadsheet would take it for a formula.
 
-    Control characters but line feed and tab are made visible; all else is as it was typed.
+    Control characters but line feed and tab are made visible; all else is unchanged.
 
     >>> escape_formula("=1+1"), escape_formula("-3"), escape_formula("as it is")
     ("'=1+1", '-3', 'as it is')
@@ -362,9 +362,9 @@ def named_file(
     name: str, folder: Path, what: str, error: type[HaptorbError], limit: Path | None = None,
     remedy: str = "copy it there",
 ) -> Path:  # fmt: skip
-    """The file `name` that a file in `folder` names: it must lie there or below, or below `limit`, links followed.
+    """Return the file `name` that a file in `folder` refers to: it must be below it, or below `limit`, links resolved.
 
-    Raises `error`, naming `what` it is, for another place: who wrote the file does not choose what is read elsewhere.
+    Raises `error`, which names `what` it is, for another place: a file's author must not select other files to read.
     """
     try:
         root = folder.resolve()
@@ -372,7 +372,7 @@ def named_file(
         edge = root if limit is None else limit.resolve()
         inside = found.is_relative_to(edge)
         found.exists()  # raises for a name that is too long
-    except (OSError, ValueError, RuntimeError) as cause:  # a zero byte, or links in a circle
+    except (OSError, ValueError, RuntimeError) as cause:  # a zero byte, or circular links
         raise error(f"{what} {quote(name)}: not the name of a file") from cause
     if not inside:  # safety: named-inside
         raise error(f"{what} {quote(name)}: is not read, as it lies outside {edge}; {remedy}")
@@ -380,12 +380,12 @@ def named_file(
 
 
 # --------------------------------------------------------------------------------------------------
-# Where programs of this account keep what lasts longer than a run, and is not computed again.
+# State of programs of this account that persists between runs and cannot be recomputed.
 
 
 def state_folder() -> Path:
-    """Folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb; below the cache folder
-    where this account has no home in which it may write."""
+    """Return the folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb; below the
+    cache folder if this account has no writable home."""
     home = os.environ.get("XDG_STATE_HOME") or find_home(".local", "state")
     if home:
         folder = Path(home) / "haptorb"
@@ -396,24 +396,24 @@ def state_folder() -> Path:
 
 
 # --------------------------------------------------------------------------------------------------
-# Files that a program keeps only while it runs, and how the next one finds those whose owner has ended.
+# Files that exist only while a program runs, and removal of those whose owner has ended.
 #
-# An owner holds a lock on its file (`flock`), which the kernel takes away when the owner ends, however it ends. A file
-# of ours that can be locked has no owner, and goes.
+# An owner holds a lock on its file (`flock`), which the kernel releases when the owner ends in any way. A file of this
+# package that can be locked has no owner, and is removed.
 
 
-FOLDER = "haptorb-servo-"  #: beginning of a folder's name
-SHARED = ".shared"  #: end of a shared memory's name; it begins with haptorb-
-RECORDING = ".temporary.mcap"  #: end of a temporary recording's name; it begins with haptorb-
+FOLDER = "haptorb-servo-"  #: prefix of a folder's name
+SHARED = ".shared"  #: suffix of a shared memory's name, whose prefix is haptorb-
+RECORDING = ".temporary.mcap"  #: suffix of a temporary recording's name, whose prefix is haptorb-
 
 _OURS = re.compile(rf"haptorb-\w+(?:{re.escape(SHARED)}|{re.escape(RECORDING)})|{FOLDER}\w+", re.ASCII)
 
 
 @final
 class FileLock:
-    """Holds the file or folder at `path`, which was just made, until `close` or the end of this process.
+    """Locks the file or folder at `path`, which was just created, until `close` or the end of this process.
 
-    `there` says whether the file still exists: between its creation and this, another program's `sweep` may have
+    `there` is whether the file still exists: between its creation and the lock, another program's `sweep` may have
     removed it.
     """
 
@@ -422,17 +422,17 @@ class FileLock:
         self._descriptor = -1
         try:
             import fcntl
-        except ImportError:  # Windows: a file that is in use cannot be removed there
+        except ImportError:  # Windows: a file in use cannot be removed
             self.there = os.path.exists(path)
             return
         with suppress(FileNotFoundError):
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-            with suppress(OSError):  # a file system without locks: then `sweep` cannot lock it either, and lets it be
+            with suppress(OSError):  # a file system without locks: then `sweep` cannot lock it either, and leaves it
                 fcntl.flock(self._descriptor, fcntl.LOCK_EX)
             self.there = os.fstat(self._descriptor).st_nlink > 0
 
     def close(self) -> None:
-        """Release it. May be called twice."""
+        """Release the lock. May be called twice."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
@@ -442,14 +442,14 @@ class FileLock:
 
 
 def folders() -> list[Path]:
-    """Where such files are made: in memory, where the system has a place for that, and for what is temporary."""
+    """Return the folders of such files: in memory, if the system has such a folder, and the temporary folder."""
     return [Path("/dev/shm"), Path(tempfile.gettempdir())]
 
 
 def sweep() -> int:
-    """Remove what ended owners of this user left; returns how many files and folders that were.
+    """Remove files left by ended owners of this user; return the number of files and folders removed.
 
-    Nothing whose owner still runs is touched, nor anything that this package did not name.
+    Files whose owner still runs, and files that this package did not name, are kept.
     """
     removed = 0
     for folder in dict.fromkeys(folders()):
@@ -461,7 +461,7 @@ def sweep() -> int:
 
 
 def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
-    """Whether `entry` had no owner; then it is gone."""
+    """Remove `entry` if it has no owner; return whether it was removed."""
     try:
         import fcntl
     except ImportError:
@@ -475,23 +475,23 @@ def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # safety: living-files
-        # While the lock is held: a program that creates such a file waits for it, and sees that the file is gone.
+        # The lock is held meanwhile: a program that creates such a file waits for it, and sees that the file is gone.
         if stat.S_ISDIR(found.st_mode):
             shutil.rmtree(entry.path)
         else:
             os.unlink(entry.path)
-    except OSError:  # another user's, or gone already
+    except OSError:  # another user's, or already removed
         return False
     finally:
         os.close(descriptor)
     return True
 
 
-_OLD_S = 7 * 86400.0  #: age from which a file without a lock has no owner; on Windows, one in use cannot be removed
+_OLD_S = 7 * 86400.0  #: age from which a file without a lock has no owner; on Windows, a file in use cannot be removed
 
 
 def _remove_if_old(entry: os.DirEntry[str]) -> bool:
-    """Whether `entry` was old, on a system without locks; then it is gone."""
+    """Remove `entry` if it is old, on a system without locks; return whether it was removed."""
     try:
         if time() - entry.stat(follow_symlinks=False).st_mtime < _OLD_S:
             return False

@@ -13,17 +13,17 @@ from haptorb.files import parse_json
 
 __all__ = ["numbers", "parse_document"]
 
-_MAX_NUMBER = 1e15  #: in SI units; what is measured is smaller, and products of it must not overflow
+_MAX_NUMBER = 1e15  #: largest accepted value in SI units: above measured values, and products do not overflow
 
 
 def parse_document(
     text: str, name: str, kind: str, wanted: str, keys: Set[str], remedy: str, optional: Set[str] = frozenset()
 ) -> Mapping[str, Any]:
-    """What `text` says, a `kind` of format `wanted` with `keys`; `name` is the name for messages.
+    """Parse `text`, a `kind` of format `wanted` with `keys`; `name` is the file's name in messages.
 
     `optional` keys may be missing, in files of an older version.
 
-    Raises CalibrationError, with what to do about it, for anything else.
+    Raises CalibrationError, with the remedy, for anything else.
 
     >>> parse_document('{"format": "a 1", "x": 2}', "FILE", "a", "a 1", {"format", "x"}, "make it again")["x"]
     2
@@ -45,11 +45,11 @@ def parse_document(
 
 
 def numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int | None, ...]) -> Array:
-    """The array of `shape`, such as (3, 3) or (3, n) with None for n, that `raw` has under `key` [SI].
+    """Return the array of `shape`, such as (3, 3) or (3, n) with None for n, that `raw` has under `key` [SI].
 
-    `name` is the name for messages.
+    `name` is the file's name in messages.
 
-    Raises CalibrationError for anything but finite numbers of that shape and of a size that can be measured.
+    Raises CalibrationError unless they are finite numbers of that shape and of a plausible size.
     """
     if not _numeric(raw[key]):
         raise CalibrationError(f"{name}: {key} must be numbers; got {quote(raw[key])}")
@@ -64,7 +64,7 @@ def numbers(raw: Mapping[str, Any], key: str, name: str, shape: tuple[int | None
 
 
 def _numeric(value: Any) -> bool:
-    """No texts, which numpy would read as numbers, and no truths; null is a number that is not there."""
+    """Whether all elements are numbers or null; numpy would also accept texts and booleans."""
     if isinstance(value, list):
         return all(_numeric(part) for part in value)
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool))

@@ -14,7 +14,7 @@ __all__ = ["lazy_names"]
 
 
 def lazy_names(package: str, sources: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """The functions `__getattr__` and `__dir__` of `package`, whose public names come from other modules.
+    """Return the functions `__getattr__` and `__dir__` of `package`, whose public names come from other modules.
 
     sources: module → the names that it defines, separated by spaces; "name>public" gives `name` another public name.
 

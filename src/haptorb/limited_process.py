@@ -11,17 +11,17 @@ __all__ = ["ProcessFailure", "run_limited", "set_limits"]
 
 
 class ProcessFailure(Exception):
-    """The program did not do it; in one sentence, of which "it" is the file."""
+    """The program failed; the message is one sentence in which "it" is the file."""
 
 
 def run_limited(program: Path, words: Sequence[str], folder: Path, seconds: int, memory: int) -> None:
     """Run the Python file `program`, which needs the standard library only and calls `set_limits`, in `folder`.
 
-    seconds  of the processor [s]; twice as many by the clock
-    memory   [bytes]
+    seconds  processor time limit [s]; wall-clock limit: twice as much
+    memory   limit [bytes]
 
-    It reads nothing of the environment's Python and of the working directory. Raises ProcessFailure with what it said,
-    if its exit code is not 0, or with the limit that ended it.
+    It ignores Python's environment variables and the working directory. Raises ProcessFailure with its output if its
+    exit code is not 0, or with the limit that it exceeded.
     """
     command = [sys.executable, "-I", "-S", str(program), str(seconds), str(memory), *words]
     try:
@@ -44,7 +44,7 @@ def run_limited(program: Path, words: Sequence[str], folder: Path, seconds: int,
 
 def set_limits(seconds: int, memory: int, largest: int) -> None:
     """Limit this process: processor time [s], memory and the size of a file that it writes [bytes]."""
-    import resource  # not at the top: Windows has none
+    import resource  # not at the top: Windows lacks it
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))

@@ -13,22 +13,22 @@ if TYPE_CHECKING:
 
 __all__ = ["NotebookReport"]
 
-_WIDTH = 110  #: characters of a line in a notebook
+_WIDTH = 110  #: line width in a notebook [characters]
 
 
 class NotebookReport(Presentable):
-    """A report that shows itself in one line, and in a notebook as its command prints it."""
+    """A report with a summary of one line; in a notebook it is shown as its command prints it."""
 
-    #: "module:function" that prints the report, (report, console) → None, where the class has no method `show`
+    #: "module:function" that prints the report, (report, console) → None, if the class has no method `show`
     printer: ClassVar[str] = ""
 
     def show(self, console: Console) -> None:
-        """Print it for people."""
+        """Print the report on `console`."""
         module, _, name = self.printer.partition(":")
         getattr(import_module(module), name)(self, console)
 
     def render_text(self, width: int = _WIDTH) -> str:
-        """What `show` prints, in lines of at most `width` characters without colour."""
+        """Return the output of `show`, in lines of at most `width` characters without colour."""
         from rich.console import Console
 
         file = StringIO()

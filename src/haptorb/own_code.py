@@ -14,11 +14,11 @@ __all__ = ["find_imports", "list_modules", "make_code", "pickle_with_code"]
 
 
 # --------------------------------------------------------------------------------------------------
-# What a user's Python file imports from the folder that it lies in: found by reading it, not by running it.
+# Imports of a user's Python file from its own folder, found by parsing, without executing it.
 
 
 def find_imports(path: Path, source: str) -> dict[Path, str]:
-    """File → text of every module in the folder of `path`, and below it, that `source`, the text of `path`, imports:
+    """Return file → text of every module in the folder of `path`, and below it, that `source`, its text, imports:
     directly or through others, at the top or within a function. `path` itself is not among them."""
     found: dict[Path, str] = {}
     waiting = [(path, source)]
@@ -29,19 +29,19 @@ def find_imports(path: Path, source: str) -> dict[Path, str]:
                 try:
                     found[file] = file.read_text(encoding="utf-8", errors="replace")
                 except OSError:
-                    continue  # Python says it better, where the import is
+                    continue  # Python reports it better, at the import itself
                 waiting.append((file, found[file]))
     return dict(sorted(found.items()))
 
 
 def list_modules(files: dict[Path, str]) -> list[ModuleType]:
-    """The modules of this process that were imported from `files`."""
+    """Return the modules of this process that were imported from `files`."""
     paths = {str(path) for path in files}
     return [one for one in list(sys.modules.values()) if getattr(one, "__file__", None) in paths]
 
 
 def _list_files(path: Path, text: str, folder: Path) -> Iterator[Path]:
-    """Files below `folder` that `text`, of the file `path`, may import."""
+    """List the files below `folder` that `text`, of the file `path`, may import."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):
@@ -59,7 +59,7 @@ def _list_files(path: Path, text: str, folder: Path) -> Iterator[Path]:
 
 
 def _resolve(folder: Path, parts: list[str]) -> Iterator[Path]:
-    """The files of a dotted name: those of its packages, and the module's."""
+    """List the files of a dotted name: those of its packages, and the module's."""
     for count in range(1, len(parts) + 1):
         place = folder.joinpath(*parts[:count])
         for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
@@ -72,10 +72,10 @@ def _resolve(folder: Path, parts: list[str]) -> Iterator[Path]:
 
 
 def pickle_with_code(what: object) -> bytes:
-    """`what` pickled as cloudpickle does it; `pickle.loads` reads it.
+    """Pickle `what` with cloudpickle; `pickle.loads` reads it.
 
-    Code keeps the name of its file. Cloudpickle 3.1.2 and later replace it, and a message about an error in a user's
-    code could then not say where the error is.
+    Code objects keep their file name. Cloudpickle 3.1.2 and later replace it, so that an error message could not say
+    where in the user's code the error is.
     """
     from cloudpickle import Pickler  # imported late: few commands need it
 
@@ -94,5 +94,5 @@ def pickle_with_code(what: object) -> bytes:
 
 
 def make_code(filename: str, *values: Any) -> CodeType:
-    """The code object that the constructor's `values` describe, from the file `filename`."""
+    """Return the code object with the constructor arguments `values`, from the file `filename`."""
     return CodeType(*values).replace(co_filename=filename)

@@ -66,11 +66,11 @@ def rotation_from_euler(psi: ArrayLike, lam: ArrayLike, phi: ArrayLike) -> Array
 
 
 # --------------------------------------------------------------------------------------------------
-# Unit quaternions (x, y, z, w), where a rotation matrix would have to be made for each of many poses.
+# Unit quaternions (x, y, z, w): cheaper than a rotation matrix for each of many poses.
 
 
 def product(a: Array, b: Array) -> Array:
-    """(4,) the turn b (4,) and then the turn a (4,).
+    """Return the rotation b (4,) followed by the rotation a (4,), as a quaternion (4,).
 
     >>> half = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])       # a quarter turn about z
     >>> product(half, half).round(12).tolist()
@@ -81,7 +81,7 @@ def product(a: Array, b: Array) -> Array:
 
 
 def rotate(q: Array, v: Array) -> Array:
-    """(3,) the vector v (3,), turned by q (4,) of length 1.
+    """Return the vector v (3,) rotated by the unit quaternion q (4,).
 
     >>> rotate(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), np.array([1.0, 0.0, 2.0])).round(12)[1:].tolist()
     [1.0, 2.0]
@@ -92,7 +92,7 @@ def rotate(q: Array, v: Array) -> Array:
 
 
 def quaternion(R: Array) -> Array:
-    """(4,) of a rotation (3, 3), from the greatest of its four parts, so that none is lost (Shepperd).
+    """Return the quaternion (4,) of a rotation (3, 3), computed from its largest component for accuracy (Shepperd).
 
     >>> quaternion(np.diag([1.0, -1.0, -1.0])).tolist()
     [1.0, 0.0, 0.0, 0.0]
@@ -114,7 +114,7 @@ def quaternion(R: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------
-# Angular velocity from a row of orientations: an α–β filter on the rotations, critically damped.
+# Angular velocity from a sequence of orientations: a critically damped α–β filter on rotations.
 #
 # Orientation and angular velocity are predicted, R⁻ = exp(w dt) R, and corrected by what was measured, e =
 # log(R_measured R⁻ᵀ): R = exp(α e) R⁻, w = w⁻ + β e/dt, with α = 1 − θ², β = (1 − θ)², θ = exp(−dt/τ). The velocity
@@ -124,7 +124,7 @@ def quaternion(R: Array) -> Array:
 
 @kernel
 def turn_by(x: float, y: float, z: float, R: Array, out: Array) -> None:
-    """out (3, 3) = exp((x, y, z)×) R, made orthonormal again: a small step after a small step stays a rotation."""
+    """Compute out (3, 3) = exp((x, y, z)×) R, orthonormalised, so that many small steps remain a rotation."""
     angle2 = x * x + y * y + z * z
     if angle2 < 1e-8:
         a, b = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0
@@ -140,7 +140,7 @@ def turn_by(x: float, y: float, z: float, R: Array, out: Array) -> None:
         out[0, j] = e00 * r0 + e01 * r1 + e02 * r2
         out[1, j] = e10 * r0 + e11 * r1 + e12 * r2
         out[2, j] = e20 * r0 + e21 * r1 + e22 * r2
-    # Gram–Schmidt on the rows: rounding would add up over millions of ticks
+    # Gram–Schmidt on the rows: rounding errors would accumulate over millions of ticks
     n = 1.0 / math.sqrt(out[0, 0] ** 2 + out[0, 1] ** 2 + out[0, 2] ** 2)
     for j in range(3):
         out[0, j] *= n
@@ -157,7 +157,7 @@ def turn_by(x: float, y: float, z: float, R: Array, out: Array) -> None:
 
 @kernel
 def logarithm(A: Array, B: Array, out: Array) -> None:
-    """out (3,) the rotation vector of A Bᵀ, for turns below half a turn."""
+    """Compute out (3,), the rotation vector of A Bᵀ, for rotations below half a turn."""
     m = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -171,7 +171,7 @@ def logarithm(A: Array, B: Array, out: Array) -> None:
 
 @kernel
 def correct_rotation(predicted: Array, measured: Array, w: Array, dt: float, tau: float, out: Array) -> None:
-    """One step of the filter: `w` (3,) is corrected in place, out (3, 3) is the filtered orientation."""
+    """Run one step of the filter: correct `w` (3,) in place; out (3, 3) is the filtered orientation."""
     theta = math.exp(-dt / tau)
     error = np.empty(3)
     logarithm(measured, predicted, error)

@@ -1,6 +1,6 @@
-"""Databases that programs write answers and results to: SQLite in a file, PostgreSQL by URL.
+"""Databases for answers and results: SQLite in a file, PostgreSQL by URL.
 
-SQLite runs with a write-ahead log and `synchronous = FULL`: a committed transaction is on the disk, power loss or not.
+SQLite uses a write-ahead log and `synchronous = FULL`: a committed transaction survives a power loss.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ __all__ = [
 ]
 
 
-BUSY = 10_000  #: milliseconds for which a writer waits while another program holds the database
-_MAX_VALUE_BYTES = 64 * 1024 * 1024  #: bytes of a value
-_CONNECT_TIMEOUT_S = 5  #: seconds until a server that does not answer counts as unreachable
+BUSY = 10_000  #: time for which a writer waits while another program holds the database [ms]
+_MAX_VALUE_BYTES = 64 * 1024 * 1024  #: largest size of a value
+_CONNECT_TIMEOUT_S = 5  #: connection timeout of a server
 
 
 def url_of(place: str | Path) -> str:
-    """`place` as a URL: a path means SQLite.
+    """Return `place` as a URL: a path means SQLite.
 
     >>> url_of("study.db")
     'sqlite:///study.db'
@@ -55,13 +55,13 @@ def url_of(place: str | Path) -> str:
 
 
 def path_of(place: str | Path) -> Path | None:
-    """The file of a SQLite database, None for a server's."""
+    """Return the file of a SQLite database, None for a server's."""
     url = url_of(place)
     return Path(url.removeprefix("sqlite:///")) if url.startswith("sqlite:///") else None
 
 
 def make_engine(place: str | Path) -> Engine:
-    """An engine for the database at `place`, which nothing was asked yet; RecordingError if `place` names none."""
+    """Create an engine for the database at `place` without connecting; RecordingError if `place` is not a database."""
     try:
         url = make_url(url_of(place))
         if url.drivername == "postgresql":
@@ -83,14 +83,14 @@ def make_engine(place: str | Path) -> Engine:
 
 
 def lock_database(connection: Connection, family: int) -> None:
-    """No other program of `family` passes here until the transaction that has just begun on `connection` ends."""
+    """Lock the database for programs of `family` until the transaction that has just begun on `connection` ends."""
     if connection.dialect.name == "sqlite":
         connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
     else:
         connection.execute(text("SELECT pg_advisory_xact_lock(:family, 0)"), {"family": family})
 
 
-_SECRETS = ("password", "sslpassword")  #: of an address, behind its question mark
+_SECRETS = ("password", "sslpassword")  #: query parameters of an address that are secret
 
 
 def has_password(place: str | Path) -> bool:
@@ -106,7 +106,7 @@ def has_password(place: str | Path) -> bool:
 
 
 def mask_password(place: str | Path) -> str:
-    """`place` without the password that a URL may hold.
+    """Return `place` without the password that a URL may contain.
 
     >>> mask_password("postgresql://host/name?user=me&password=secret")
     'postgresql://host/name?password=***&user=me'
@@ -118,7 +118,7 @@ def mask_password(place: str | Path) -> str:
     return url.update_query_dict(hidden).render_as_string().replace("%2A%2A%2A", "***")
 
 
-#: a station that loses its power must not hold its session, nor one that loses its server wait, for hours
+#: a station that loses power must not hold its session for hours, nor must one that loses its server wait
 _watched = {
     "connect_timeout": _CONNECT_TIMEOUT_S, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3,
     "tcp_user_timeout": 30_000,
@@ -126,7 +126,7 @@ _watched = {
 
 
 def _set_pragmas(connection: Any, record: Any) -> None:
-    """Durable, and careful: what a database from somebody else computes by its own schema is nothing of ours."""
+    """Configure durable writes, and distrust the schema: functions in a foreign database must not run."""
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_VALUE_BYTES)
     cursor = connection.cursor()
     for pragma in (
@@ -139,13 +139,13 @@ def _set_pragmas(connection: Any, record: Any) -> None:
     ):
         try:
             cursor.execute(f"PRAGMA {pragma}")
-        except (UnicodeDecodeError, MemoryError) as cause:  # the name of a table, in SQLite's own message about it
+        except (UnicodeDecodeError, MemoryError) as cause:  # the name of a table in SQLite's own message
             raise sqlite3.DatabaseError("malformed database schema") from cause
     cursor.close()
 
 
 def _explain_damage(place: str | Path, context: ExceptionContext) -> None:
-    """RecordingError, whoever asks, for what SQLite says of a damaged file, or Python of a text in it."""
+    """Raise RecordingError for SQLite's errors on a damaged file, and Python's on a text in it."""
     cause = context.original_exception
     if type(cause) is sqlite3.DatabaseError or isinstance(cause, UnicodeDecodeError | MemoryError):
         raise RecordingError(
@@ -155,15 +155,15 @@ def _explain_damage(place: str | Path, context: ExceptionContext) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# The tables of one program in a database, made at its first opening; what is none of ours, or newer, is refused.
+# Tables of one program in a database, created at its first opening; foreign or newer databases are refused.
 
 
-_TABLE_SET_TRIES, _PAUSE = 20, 0.02  #: for another program that makes the database [s]
-_HEAD = 256 * 1024  #: bytes by which a file is recognised
+_TABLE_SET_TRIES, _PAUSE = 20, 0.02  #: tries, and pause between them, while another program creates the database [s]
+_HEAD = 256 * 1024  #: bytes read to recognise a file's kind
 
 
 def explain_error(cause: SQLAlchemyError) -> str:
-    """The database's own words, one line; and the limit of this shell, where that may be the cause."""
+    """Return the database's own message in one line, with this shell's file size limit where that may be the cause."""
     words = str(getattr(cause, "orig", None) or cause).splitlines()[0]
     largest = _find_size_limit()
     if largest and ("I/O error" in words or "is full" in words):
@@ -172,9 +172,9 @@ def explain_error(cause: SQLAlchemyError) -> str:
 
 
 def _find_size_limit() -> int:
-    """The largest size of a file that this process may write [bytes]; 0 if there is no limit."""
+    """Return the largest size of a file that this process may write [bytes]; 0 if there is no limit."""
     try:
-        import resource  # not at the top: Windows has none
+        import resource  # not at the top: Windows lacks it
     except ImportError:
         return 0
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
@@ -182,10 +182,10 @@ def _find_size_limit() -> int:
 
 
 def _check_neighbours(path: Path) -> None:
-    """RecordingError for files beside the database that SQLite would obey: they may have come with it.
+    """Raise RecordingError for files beside the database that SQLite would process: they may have come with it.
 
-    A write-ahead log that is a link has what it leads to overwritten. A rollback journal, which a database of ours
-    never has, as it begins with a write-ahead log, names a file that is deleted.
+    If the write-ahead log is a link, its target would be overwritten. A rollback journal names a file that is deleted;
+    databases of this package never have one, as they use a write-ahead log from the start.
     """
     for end in ("-wal", "-shm"):
         beside = path.with_name(path.name + end)
@@ -195,14 +195,14 @@ def _check_neighbours(path: Path) -> None:
     for _ in range(_TABLE_SET_TRIES):
         if not (journal.is_symlink() or journal.exists()):  # safety: database-journal
             return
-        sleep(_PAUSE)  # another program may be making the database
+        sleep(_PAUSE)  # another program may be creating the database
     raise RecordingError(
         f"{path} has a rollback journal beside it, {journal.name}, so another program was writing it: it is not opened"
     )
 
 
 def _check_schema(connection: Connection, place: str | Path) -> None:
-    """RecordingError for a database that computes: views, triggers, virtual tables and generated columns."""
+    """Raise RecordingError for a schema that computes: views, triggers, virtual tables and generated columns."""
     for kind, name, made in connection.exec_driver_sql("SELECT type, name, sql FROM sqlite_master").all():
         words = str(made or "").upper().split()
         generated: list[str] = []
@@ -219,15 +219,15 @@ def _check_schema(connection: Connection, place: str | Path) -> None:
 
 @dataclass(frozen=True)
 class TableSet:
-    """Tables that belong together, and the version of their schema.
+    """Tables of one program, and the version of their schema.
 
-    content    what a database with these tables holds, such as "a study"
-    kind       of the file, if it is one
+    content    description of a database with these tables, such as "a study"
+    kind       kind of the file, if it is one
     metadata   the tables
     versions   the table whose only row has the schema's version
     newest     version of this haptorb
-    family     of PostgreSQL's advisory locks of this program
-    migrate    (connection, version): bring tables of an older version forward; None where there are none
+    family     number of this program's advisory locks in PostgreSQL
+    migrate    (connection, version): migrate tables of an older version; None if there are none
     """
 
     content: str
@@ -239,9 +239,9 @@ class TableSet:
     migrate: Callable[[Connection, int], object] | None = None
 
     def open(self, place: str | Path, *, make: bool) -> Engine:
-        """The database at `place`, with these tables; RecordingError if it cannot be reached, is newer, or another.
+        """Open the database at `place`, with these tables; RecordingError if it cannot be reached, is newer or foreign.
 
-        With `make` false one without tables is refused.
+        If `make` is false, a database without tables is refused.
         """
         path = path_of(place)
         if path is not None:
@@ -266,7 +266,7 @@ class TableSet:
         return engine
 
     def _check_file(self, path: Path) -> None:
-        """RecordingError for what is there and is no database of this kind: opening it to write could change it."""
+        """Raise RecordingError for an existing file of another kind: opening it for writing could change it."""
         if not path.name:
             raise RecordingError(f"'{path}' is a folder: give the file of a database")
         _check_neighbours(path)
@@ -274,7 +274,7 @@ class TableSet:
             return
         with open_regular(path, "database", RecordingError) as file:
             head = file.read(_HEAD)
-        if not head:  # as made by `touch`, or by a program that was ended before its first table
+        if not head:  # as created by `touch`, or by a program that ended before its first table
             return
         if other := self.kind.explain_other(path, head):
             raise RecordingError(other)
@@ -283,7 +283,7 @@ class TableSet:
 
     def _bring_forward(self, connection: Connection, place: str | Path) -> None:
         lock_database(connection, self.family)
-        version = self._read_version(connection, place)  # another program may have been quicker
+        version = self._read_version(connection, place)  # another program may have migrated it meanwhile
         if version is None:
             self.metadata.create_all(connection)
             connection.execute(self.versions.insert().values(version=self.newest))
@@ -291,7 +291,7 @@ class TableSet:
             self.migrate(connection, version)
 
     def _read_version(self, connection: Connection, place: str | Path) -> int | None:
-        """Version of the tables, None where there are none; RecordingError if they are not these, or newer."""
+        """Return the version of the tables, None if there are none; RecordingError if they are foreign or newer."""
         names = set(inspect(connection).get_table_names())
         if not names:
             return None
@@ -311,21 +311,21 @@ class TableSet:
 
 
 # --------------------------------------------------------------------------------------------------
-# One program at a time: a lock that the operating system, or PostgreSQL, releases when its holder ends.
+# Mutual exclusion of programs: a lock that the operating system, or PostgreSQL, releases when its holder ends.
 
 
-_PROGRAM_LOCK_TRIES = 20  #: to lock a file that others remove meanwhile
+_PROGRAM_LOCK_TRIES = 20  #: attempts to lock a file that others may remove meanwhile
 
 
 @final
 class ProgramLock:
-    """Held in a `with` block, or until `release`; `conflict` if another program holds it.
+    """Lock held in a `with` block, or until `release`; raises `conflict` if another program holds it.
 
-    family, number  what is locked in a PostgreSQL database
-    end             what is locked beside a SQLite file: a file whose name is that file's and this end
+    family, number  advisory lock in a PostgreSQL database
+    end             suffix of the lock file beside a SQLite file
 
-    A killed process loses it at once, so that its work can be resumed without waiting for anything. The file is
-    removed on release; one that a killed process left is removed by the next holder.
+    A killed process loses it at once, so that its work can be resumed without waiting. The file is removed on release;
+    one left by a killed process is removed by the next holder.
     """
 
     def __init__(self, engine: Engine, family: int, number: int, end: str, conflict: RecordingError) -> None:
@@ -344,7 +344,7 @@ class ProgramLock:
                 raise conflict
 
     def release(self) -> None:
-        """Give it back; may be called twice."""
+        """Release the lock; may be called twice."""
         if self._file is not None:
             with suppress(
                 OSError
@@ -353,7 +353,7 @@ class ProgramLock:
             self._file.close()
             self._file = None
         if self._connection is not None:
-            self._connection.invalidate()  # the lock belongs to the connection, which a pool would keep
+            self._connection.invalidate()  # the lock belongs to the connection, which a pool would keep open
             self._connection.close()
             self._connection = None
 
@@ -365,9 +365,9 @@ class ProgramLock:
 
 
 def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
-    """Holds the empty file `path` until it is closed. Raises `conflict`, or RecordingError if it cannot be made.
+    """Lock the empty file `path` until it is closed. Raises `conflict`, or RecordingError if it cannot be created.
 
-    SQLite knows how each operating system locks files.
+    SQLite implements file locks for each operating system.
     """
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise RecordingError(f"{path} is not a regular file, so nothing can be locked by it: remove it")
@@ -376,14 +376,14 @@ def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
         tries += 1
         file = None
         try:
-            with suppress(FileExistsError):  # no more than this: who closes the file loses what it locked in it
+            with suppress(FileExistsError):  # no other access: closing the file would release its locks
                 os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
             before = _identify(path)
             file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
             file.execute("BEGIN EXCLUSIVE")
             if before is not None and before == _identify(path):
                 return file
-            file.close()  # its last holder removed it between the two: what is locked has no name any more
+            file.close()  # its last holder removed it meanwhile: the locked file has no name
         except (OSError, sqlite3.Error) as cause:
             if file is not None:
                 file.close()
@@ -395,7 +395,7 @@ def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
 
 
 def _identify(path: Path) -> tuple[int, int, int] | None:
-    """Which file has this name now; None: none has."""
+    """Return the identity of the file that has this name now; None if there is none."""
     try:
         status = path.stat()
     except FileNotFoundError:

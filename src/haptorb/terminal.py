@@ -1,4 +1,4 @@
-"""The one way in which every command prints: prose, facts, tables and JSON, whatever the terminal can show."""
+"""Terminal output of all commands: text, facts, tables and JSON, adapted to the terminal's width and encoding."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Greek letters, signs and superscripts in ASCII, for outputs whose encoding cannot carry them.
+# Greek letters, symbols and superscripts in ASCII, for outputs whose encoding lacks them.
 
 
 _HANDLER = "haptorb.ascii"
 
-#: sign → ASCII, where neither its name nor its decomposition gives it
+#: symbol → ASCII, where neither its name nor its decomposition gives it
 _SIGNS = {
     "°": "deg", "℃": "degC", "Ω": "Ohm", "µ": "u", "μ": "u", "·": ".", "⋅": ".", "×": "x", "−": "-", "–": "-",
     "—": "-", "±": "+/-", "∓": "-/+", "≤": "<=", "≥": ">=", "≪": "<<", "≫": ">>", "≈": "~", "≠": "!=", "√": "sqrt",
@@ -74,8 +74,8 @@ _SCRIPTS = {"<super>": "^", "<sub>": "_"}
 
 
 def fit_encoding(text: str, encoding: str) -> str:
-    r"""`text` with ASCII in place of those characters that `encoding` does not have, and what would act on a terminal
-    made visible: all that is printed passes here, as it may come from somebody's file.
+    r"""Replace by ASCII the characters of `text` that `encoding` lacks, and make visible those that control a terminal:
+    all output passes through here, as it may contain text from untrusted files.
 
     >>> fit_encoding("2 µΩ", "latin-1")
     '2 µOhm'
@@ -93,7 +93,7 @@ def fit_encoding(text: str, encoding: str) -> str:
 
 
 def use_ascii_fallback() -> None:
-    """Let standard output and error spell what their encoding cannot carry, instead of failing."""
+    """Let standard output and error replace characters that their encoding lacks, instead of failing."""
     codecs.register_error(_HANDLER, _replace)
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
@@ -132,10 +132,10 @@ def _spell(letter: str) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# Consoles, and prose and JSON on them.
+# Consoles, and text and JSON on them.
 
 
-#: what JSON does not escape by itself and a terminal, or a reader, would be misled by
+#: characters that JSON does not escape by itself, but that control a terminal or mislead a reader
 _HIDDEN = re.compile("[\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
 _HARD = "\N{NO-BREAK SPACE}"
 _TOGETHER = re.compile(
@@ -146,9 +146,9 @@ _TOGETHER = re.compile(
 
 
 def make_console(*, error: bool = False) -> Console:
-    """A console on standard output, or standard error.
+    """Create a console on standard output, or standard error.
 
-    Prose is wrapped at the width of a terminal, or at COLUMNS; into a pipe or a file it goes as it is.
+    Text is wrapped at the width of a terminal, or at COLUMNS; in a pipe or a file it is not wrapped.
     """
     from rich.console import Console
 
@@ -157,14 +157,14 @@ def make_console(*, error: bool = False) -> Console:
 
 
 def find_width() -> int:
-    """Columns of the terminal, or COLUMNS; 80 where there is neither."""
+    """Return the width of the terminal, or COLUMNS; 80 if neither is known."""
     return shutil.get_terminal_size().columns
 
 
 def wrap(text: str, width: int, indent: str = "") -> str:
-    """`text` wrapped at spaces; each paragraph's later lines begin with `indent`.
+    """Wrap `text` at spaces; each paragraph's later lines begin with `indent`.
 
-    Longer words stay whole, and so do a number with its unit and a default in brackets.
+    Long words are not split, nor are a number and its unit or a default in brackets.
 
     >>> wrap("a force of 0.28 N", 14, "  ")
     'a force of\\n  0.28 N'
@@ -187,7 +187,7 @@ def wrap(text: str, width: int, indent: str = "") -> str:
 
 
 def print_text(console: Console, text: str = "", style: str = "", indent: str = "") -> None:
-    """Print `text`, wrapped at spaces only: paths, addresses and numbers stay whole.
+    """Print `text`, wrapped at spaces only: paths, addresses and numbers are not split.
 
     `style` is one of rich's; `indent` begins the later lines of a paragraph.
     """
@@ -200,24 +200,24 @@ def print_text(console: Console, text: str = "", style: str = "", indent: str = 
 
 
 def print_json(numbers: Any, *, line: bool = False) -> None:
-    """Print plain JSON types to standard output, escaped where it could not carry them; `line`: on one line."""
+    """Print plain JSON types to standard output, escaped where its encoding requires; `line`: on one line."""
     plain = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
     text = json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain)
     print(_HIDDEN.sub(lambda found: json.dumps(found[0])[1:-1], text), flush=True)
 
 
 def print_file(text: str) -> None:
-    """Print the text of a file to standard output, line by line as it is: a line that is wrapped is another file."""
+    """Print the text of a file to standard output without wrapping, which would change the file."""
     print(fit_encoding(text, sys.stdout.encoding or "utf-8"), end="", flush=True)
 
 
 def say(text: str, indent: str = "") -> None:
-    """Tell people something beside the result, on standard error."""
+    """Print a message beside the result on standard error."""
     _print(sys.stderr, text, indent)
 
 
 def tell(text: str, indent: str = "") -> None:
-    """Tell the result, or a part of it, on standard output."""
+    """Print the result, or a part of it, on standard output."""
     _print(sys.stdout, text, indent)
 
 
@@ -231,22 +231,22 @@ def _has_width(stream: TextIO) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------
-# Tables that fit: side by side, with heads and texts wrapped, in pages of columns, or one row under the other.
+# Tables that fit the width: with wrapped headings and texts, split into pages of columns, or stacked row by row.
 
 
-_GAP = 2  #: between columns
-_TEXT_TABLE_NARROW = 22  #: least width of a text that is wrapped beside numbers
+_GAP = 2  #: spaces between columns
+_TEXT_TABLE_NARROW = 22  #: least width of a wrapped text column
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column.
+    """Column of a table.
 
-    head  what stands in it
-    unit  of its numbers; printed behind the head in brackets
-    kind  "number": to the right, never wrapped; "text": to the left, wrapped where there is no room; "short": to the
-          left, never wrapped; "note": a text that goes under the row's first cell where there is no room; "key": to
-          the left, never wrapped, on every page
+    head  heading
+    unit  unit of its numbers; printed in brackets after the heading
+    kind  "number": right-aligned, never wrapped; "text": left-aligned, wrapped where space is short; "short":
+          left-aligned, never wrapped; "note": text that moves below the row's first cell where space is short; "key":
+          left-aligned, never wrapped, repeated on every page
     """
 
     head: str
@@ -255,7 +255,7 @@ class Column:
 
     @property
     def title(self) -> str:
-        """Head and unit.
+        """Heading and unit.
 
         >>> Column("peak", "mN").title
         'peak [mN]'
@@ -265,26 +265,26 @@ class Column:
 
 @dataclass
 class TextTable:
-    """Columns and rows of what is printed; `title` stands above them."""
+    """Columns and rows of a printed table; `title` is above them."""
 
     columns: tuple[Column, ...]
     title: str = ""
     rows: list[tuple[str, ...]] = field(default_factory=list)
-    ends: set[int] = field(default_factory=set)  #: rows that a blank line follows
+    ends: set[int] = field(default_factory=set)  #: rows followed by a blank line
 
     def add_row(self, *cells: str) -> None:
-        """One cell for each column."""
+        """Append a row with one cell for each column."""
         if len(cells) != len(self.columns):
             raise ValueError(f"a row of this table has {len(self.columns)} cells; got {len(cells)}")
         self.rows.append(cells)
 
     def end_section(self) -> None:
-        """Leave a blank line behind the row that came last."""
+        """Insert a blank line after the last row."""
         self.ends.add(len(self.rows) - 1)
 
 
 def print_table(console: Console, table: TextTable) -> None:
-    """Print `table` within the console's width: no head, unit or number is cut. Empty columns are left out."""
+    """Print `table` within the console's width and cut no heading, unit or number; empty columns are left out."""
     encoding = console.encoding
     columns = tuple(Column(fit_encoding(c.head, encoding), fit_encoding(c.unit, encoding), c.kind)
                     for c in table.columns)  # fmt: skip
@@ -304,7 +304,7 @@ def print_table(console: Console, table: TextTable) -> None:
 
 
 def _pages(table: TextTable, width: int) -> list[TextTable | None]:
-    """What is printed one under the other; None: the rows, each as a list of names and values."""
+    """Split the table into parts that are printed one below the other; None: stacked, each row as names and values."""
     for layout in (
         table,
         _wrap_heads(table, 12),
@@ -352,7 +352,7 @@ def _widest(cell: str) -> int:
 
 
 def _wrap_heads(table: TextTable, least: int = 0) -> TextTable:
-    """Heads no wider than their longest word, their cells or `least`."""
+    """Wrap headings to the width of their longest word, their cells or `least`."""
     columns = []
     for n, column in enumerate(table.columns):
         words = map(cell_len, column.title.split())
@@ -362,14 +362,14 @@ def _wrap_heads(table: TextTable, least: int = 0) -> TextTable:
 
 
 def _wrap_texts(table: TextTable | None, width: int) -> TextTable | None:
-    """Texts wrapped into the room that the numbers leave, shared by their lengths; None where that is too little."""
+    """Wrap texts into the width that the numbers leave, shared by their lengths; None if that is too small."""
     if table is None:
         return None
     table = _wrap_heads(table)
     widths = _widths(table)
     texts = [n for n, column in enumerate(table.columns) if column.kind in ("text", "note")]
     room = width - _GAP * (len(widths) - 1) - sum(w for n, w in enumerate(widths) if n not in texts)
-    for n in sorted(texts, key=lambda n: widths[n]):  # short ones get what they need
+    for n in sorted(texts, key=lambda n: widths[n]):  # short ones get their full width
         share = room // max(1, sum(widths[k] >= widths[n] for k in texts))
         widths[n] = min(widths[n], share)
         room -= widths[n]
@@ -384,7 +384,7 @@ def _wrap_texts(table: TextTable | None, width: int) -> TextTable | None:
 
 
 def _wrap_cell(cell: str, width: int) -> str:
-    """Lines that begin with spaces keep them when they are wrapped."""
+    """Wrap a cell; lines with leading spaces keep them."""
     lines = []
     for line in cell.split("\n"):
         margin = " " * (len(line) - len(line.lstrip()))
@@ -394,7 +394,7 @@ def _wrap_cell(cell: str, width: int) -> str:
 
 
 def _fold_notes(table: TextTable) -> TextTable | None:
-    """Notes under the first cell of their row, as `head: text`; None without notes."""
+    """Move notes below the first cell of their row, as `head: text`; None without notes."""
     notes = [n for n, column in enumerate(table.columns) if column.kind == "note"]
     if not notes:
         return None
@@ -428,10 +428,10 @@ def _print_grid(console: Console, table: TextTable) -> None:
 
 
 def _print_stack(console: Console, table: TextTable) -> None:
-    """Each row by itself: its first cell as a title, then the others under it with their heads."""
+    """Print each row separately: its first cell as a title, then the others below it with their headings."""
     last = [""] * len(table.columns)
     for row in table.rows:
-        # A key that is left out is that of the row above.
+        # An omitted key is that of the row above.
         last = [cell or before if c.kind == "key" else cell
                 for cell, before, c in zip(row, last, table.columns, strict=True)]  # fmt: skip
         first, *others = zip(table.columns, last, strict=True)
@@ -444,16 +444,16 @@ def _print_stack(console: Console, table: TextTable) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Names and what is to be said of each: the facts of a device, the options of a command.
+# Lists of names with texts: the facts of a device, the options of a command.
 
 
-_FACTS_NARROW = 24  #: least width of what is said; below it, it goes under the name
-_MAX_NAME_WIDTH = 26  #: of the names beside which something is said
-_ENDLESS = 100_000  #: lines in a pipe or a file are not wrapped
+_FACTS_NARROW = 24  #: least width of a text beside its name; below it, the text goes under the name
+_MAX_NAME_WIDTH = 26  #: largest width of names with a text beside them
+_ENDLESS = 100_000  #: line width in a pipe or a file, where nothing is wrapped
 
 
 def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "") -> list[str]:
-    """Lines of at most `width`: each name, and beside or under it its text.
+    """Format lines of at most `width`: each name, and its text beside or below it.
 
     >>> format_facts([("coils", "0.6 Ω at 20 °C")], 40)
     ['coils  0.6 Ω at 20 °C']
@@ -486,7 +486,7 @@ def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# The help of commands, as it was written: no bracket is markup, nothing is cut, at any width.
+# Help of commands: no bracket is markup, nothing is truncated, at any width.
 
 
 _DEVICES = ("device", "devices", "names")  #: arguments that can be a device; `names` are those of `bench`
@@ -494,7 +494,7 @@ _WIDEST = 100  #: longer lines are hard to read
 
 
 class CommandLine(typer.Typer):
-    """Commands whose help and errors are text, never markup."""
+    """Commands whose help and errors are plain text, never markup."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(
@@ -503,16 +503,16 @@ class CommandLine(typer.Typer):
         )  # fmt: skip
 
     def command(self, name: str | None = None, **settings: Any) -> Any:
-        """As typer's."""
+        """Register a command, as typer does."""
         return super().command(name, **{"cls": HelpCommand, **settings})
 
 
 class HelpCommand(TyperCommand):
-    """A command whose help is laid out here. Its device is an argument; `--device` works as before."""
+    """A command with this module's help layout. Its device is an argument; `--device` is still accepted."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As click's, with the value of `--device` moved to where a device stands; an option that takes one value and
-        is given twice is an error: the first value would be lost."""
+        """Parse as click does, with the value of `--device` moved to the position of a device; giving an option
+        of one value twice is an error: the first value would be lost."""
         if any(one.name in _DEVICES and one.param_type_name == "argument" for one in self.params):
             args = _move_device(args)
         _check_repeated(self, ctx, args)
@@ -529,7 +529,7 @@ class HelpCommand(TyperCommand):
 
 
 class HelpGroup(TyperGroup):
-    """A group of commands whose help is laid out here."""
+    """A group of commands with this module's help layout."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write usage, text, options and the commands with the first paragraph of each."""
@@ -542,7 +542,7 @@ class HelpGroup(TyperGroup):
 
 
 def _move_device(args: list[str]) -> list[str]:
-    """`args` with what follows `--device`, or stands behind `--device=`, as the last argument.
+    """Return `args` with the value of `--device VALUE` or `--device=VALUE` as the last argument.
 
     >>> _move_device(["--device", "pmsm", "--json"]), _move_device(["a.toml", "--device=pmsm"])
     (['--json', 'pmsm'], ['a.toml', 'pmsm'])
@@ -557,14 +557,14 @@ def _move_device(args: list[str]) -> list[str]:
 
 
 def _check_repeated(command: Any, ctx: Any, args: list[str]) -> None:
-    """Raise a usage error for an option of `command` that takes one value and has several in `args`."""
+    """Raise a usage error if an option of `command` that takes one value is given several times in `args`."""
     for option, count in Counter(command.make_parser(ctx).parse_args(list(args))[2]).items():
         if count > 1 and option.param_type_name == "option" and not (option.multiple or option.is_flag):
             ctx.fail(f"{option.opts[0]} takes one value; it is given {count} times")
 
 
 def _explain_number(mistake: Any, words: list[str]) -> str:
-    """The message of `mistake`; where it is about a number, what was expected and what of `words` stood there."""
+    """Return the message of `mistake`; for a number, with the expected type and the value given in `words`."""
     if not mistake.message.startswith("Input should be a valid"):
         return str(mistake.message)
     expected = "a whole number" if "integer" in mistake.message else "a number"
@@ -596,18 +596,18 @@ def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None
 
 
 # --------------------------------------------------------------------------------------------------
-# Standard output and error where there is none, or where it takes no more.
+# Standard output and error that are missing, or closed by the reader.
 
 
 def open_output() -> None:
-    """Let what is printed go nowhere where the program was started without standard output or error (`>&-`)."""
+    """Open the null device in place of standard output or error if the program was started without them (`>&-`)."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (until the program ends)
 
 
 def drop_output() -> None:
-    """Standard output is closed: discard what waits for it, or Python would try again, and report it, at exit."""
+    """Discard buffered output after standard output was closed; otherwise Python would write it, and fail, at exit."""
     with suppress(OSError, ValueError):  # a stream without a file
         output, nowhere = sys.stdout.fileno(), os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, output)
@@ -615,20 +615,20 @@ def drop_output() -> None:
 
 
 # --------------------------------------------------------------------------------------------------
-# Bars and status lines on standard error; nothing is drawn where that is no terminal.
+# Progress bars and status lines on standard error; nothing is drawn unless it is a terminal.
 
 
 def make_progress(*, show: bool = True) -> Progress:
-    """A bar with its task's description and the time that remains; it vanishes at the end."""
+    """Create a bar with its task's description and the remaining time; it disappears at the end."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
-    console = make_console(error=True)  # rich ends a bar with an empty line where it has drawn none
+    console = make_console(error=True)  # rich ends a bar with an empty line even if it has drawn none
     return Progress(*columns, console=console, transient=True, disable=not (show and console.is_interactive))
 
 
 def show_status(text: str) -> Status:
-    """A line that says what is running, until its block ends."""
+    """Show a line with the running operation until its block ends."""
     from rich.status import Status
 
     return Status(text, console=make_console(error=True), spinner="line")
@@ -638,13 +638,13 @@ def show_status(text: str) -> Status:
 # The message while a command waits for another package's code.
 
 
-_AFTER = 2.0  #: no message sooner [s]
+_MESSAGE_DELAY_S = 2.0  #: delay of the message [s]
 
 
 @contextmanager
 def announce_wait(message: str) -> Iterator[None]:
-    """Say `message` on standard error if the block takes longer than 2 s, and that Ctrl-C ends it."""
-    timer = Timer(_AFTER, say, [f"{message} for {_AFTER:g} s; still waiting. Ctrl-C ends."])
+    """Print `message` on standard error if the block takes longer than 2 s, and that Ctrl-C ends it."""
+    timer = Timer(_MESSAGE_DELAY_S, say, [f"{message} for {_MESSAGE_DELAY_S:g} s; still waiting. Ctrl-C ends."])
     timer.daemon = True
     timer.start()
     try:

@@ -31,8 +31,8 @@ _THERMAL_DRIVES = ("power", "current", "voltage")
 
 @kernel
 def heat_step(step: Array, winding: float, body: float, ambient: float, power: float) -> tuple[float, float]:
-    """Temperatures [K] of winding and body one step later; `step` (2, 3) from `TwoNode.step`, power [W] constant in
-    it."""
+    """Return temperatures [K] of winding and body one step later; `step` (2, 3) from `TwoNode.step`, `power` [W] is
+    constant in it."""
     w, b = winding - ambient, body - ambient
     return (
         ambient + step[0, 0] * w + step[0, 1] * b + step[0, 2] * power,
@@ -83,12 +83,12 @@ class TwoNode:
         return float(-1 / rates[0]), float(-1 / rates[1])
 
     def steady_rise(self, power: float) -> Array:
-        """(2,) rise of winding and body [K] in steady state with `power` [W]."""
+        """Return the rise of winding and body (2,) [K] in steady state with `power` [W]."""
         body = power / self.body_to_air
         return np.array([body + power / self.winding_to_body, body])
 
     def step(self, dt: float) -> Array:
-        """(2, 3) exact step over `dt` [s]: rises after = step @ (winding rise, body rise, power constant in between).
+        """Return the exact step over `dt` [s] (2, 3): rises after = step @ (winding rise, body rise, constant power).
 
         Raises InputError for a negative time.
 
@@ -105,7 +105,7 @@ class TwoNode:
         return np.hstack([np.eye(2) + grown, -(grown @ self.steady_rise(1.0))[:, None]])
 
     def rise(self, t: ArrayLike, power: float, start: ArrayLike = (0.0, 0.0)) -> Array:
-        """(..., 2) rise of winding and body [K] at times `t` (...) [s] under constant `power` [W]."""
+        """Return the rise of winding and body (..., 2) [K] at times `t` (...) [s] under constant `power` [W]."""
         steady = self.steady_rise(power)
         times = check_finite(t, "t")
         rate, (fast, slow) = self._system()
@@ -124,9 +124,9 @@ class TwoNode:
         drive: str = "power",
         coefficient: float = 3.93e-3,
     ) -> float:
-        """Time [s] until the winding's rise is `rise` [K] under a load of `power` [W] at zero rise; inf if never.
+        """Return the time [s] until the winding's rise is `rise` [K] under `power` [W] at zero rise; inf if never.
 
-        drive says what is held while the wire's resistance grows with `coefficient` [1/K] of its value at ambient:
+        drive is held constant while the wire's resistance grows with `coefficient` [1/K] of its value at ambient:
         "power": the power itself; "current": power grows with resistance, which may run away; "voltage": power falls.
 
         Raises InputError for another drive, another shape, or a negative load.
@@ -205,9 +205,9 @@ def _root(function: Callable[[float], float], low: float, high: float, xtol: flo
 
 
 def single_time_constant(power: float, time: float, sustained: float) -> float:
-    """Time constant [s] of one node that withstands `power` [W] for `time` [s] and `sustained` [W] continuously.
+    """Return the time constant [s] of a node that withstands `power` [W] for `time` [s], `sustained` [W] continuously.
 
-    Raises InputError where no time constant could do it.
+    Raises InputError if there is no such time constant.
 
     >>> [round(single_time_constant(p, t, 17.0)) for p, t in ((230.0, 5.0), (57.5, 60.0))]    # they contradict
     [65, 171]
@@ -259,7 +259,7 @@ class ThermalNetwork:
     exchange  (n, n) [W/K] conductance between every two nodes, symmetric
     to_air    (n,) [W/K] conductance of every node to the air
 
-    Raises InputError for shapes that do not fit, values that cannot be, or a node from which no way leads to the air.
+    Raises InputError for inconsistent shapes, invalid values, or a node without a path to the air.
 
     >>> pair = ThermalNetwork.of_coils(TwoNode(15.0, 73.0, 1.9, 1 / 3), (0.5, 0.5), 50.0)
     >>> pair.steady_rise((17.0, 0.0)).round(1).tolist()     # the other coil is warmed through the core
@@ -291,7 +291,7 @@ class ThermalNetwork:
 
     @classmethod
     def of_coils(cls, coil: TwoNode, to_core: ArrayLike, core_capacity: float) -> ThermalNetwork:
-        """Identical coils, winding and body each, around one core: nodes are the windings, the bodies, the core.
+        """Build the network of identical coils, winding and body each, around one core; nodes: windings, bodies, core.
 
         to_core (m,) [W/K] is the conductance of each winding to the core, `core_capacity` in [J/K]. With zero
         conductances there is no core.
@@ -316,22 +316,22 @@ class ThermalNetwork:
 
     @property
     def rise_per_watt(self) -> Array:
-        """(m, m) [K/W] steady rise of each winding (row) for power in each (column)."""
+        """Steady rise of each winding (row) for power in each (column) (m, m) [K/W]."""
         inverse: Array = np.asarray(np.linalg.inv(self._outflow()), dtype=np.float64)
         return inverse[: self.windings, : self.windings]
 
     @property
     def time_constants(self) -> Array:
-        """(n,) [s], the longest first."""
+        """Time constants (n,) [s], longest first."""
         constants: Array = np.sort(-1.0 / self._modes(np.zeros(self.windings))[0])[::-1]
         return constants
 
     def steady_rise(self, power: ArrayLike) -> Array:
-        """(n,) rise of all nodes [K] in steady state with `power` (m,) [W]."""
+        """Return the rise of all nodes (n,) [K] in steady state with `power` (m,) [W]."""
         return np.asarray(np.linalg.solve(self._outflow(), self._source(power)), dtype=np.float64)
 
     def step(self, dt: float) -> Array:
-        """(n, n + m) exact step over `dt` [s]: rises after = step @ (rises, powers constant in between).
+        """Return the exact step over `dt` [s] (n, n + m): rises after = step @ (rises, constant powers).
 
         Raises InputError for a negative time.
         """
@@ -344,7 +344,7 @@ class ThermalNetwork:
         return np.ascontiguousarray(np.hstack([after, driven[:, : self.windings]]))
 
     def rise(self, t: ArrayLike, power: ArrayLike, start: ArrayLike | None = None) -> Array:
-        """(..., n) rise of all nodes [K] at times `t` (...) [s] under constant `power` (m,) [W], from `start` (n,)."""
+        """Return nodes' rise (..., n) [K] at times `t` (...) [s] under `power` (m,) [W] from `start` (n,)."""
         return self._course(check_finite(t, "t"), self._source(power), self._begin(start), np.zeros(self.windings))
 
     def time_to(
@@ -356,11 +356,11 @@ class ThermalNetwork:
         drive: str = "power",
         coefficient: float = 3.93e-3,
     ) -> float:
-        """Time [s] until the first winding's rise is `rise` [K] under `power` (m,) [W] at zero rise; inf if never.
+        """Time [s] until the first winding rises by `rise` [K]; `power` (m,) [W] at zero rise; inf if never.
 
-        drive says what is held while the wires' resistance grows with `coefficient` [1/K] of its value at ambient:
-        "power": the power itself; "current": power grows with resistance, which may run away. start (n,) [K] is zero
-        where it is not given. Raises InputError for another drive, another shape, or a negative load.
+        drive is held constant while the wires' resistance grows with `coefficient` [1/K] of its value at ambient:
+        "power": the power itself; "current": power grows with resistance, which may run away. start (n,) [K] defaults
+        to zero. Raises InputError for another drive, another shape, or a negative load.
 
         >>> alone = ThermalNetwork.of_coils(TwoNode(15.0, 73.0, 1.9, 1 / 3), (0.0,), 1.0)
         >>> round(alone.time_to(60.0, (60.0,)) - TwoNode(15.0, 73.0, 1.9, 1 / 3).time_to(60.0, 60.0), 6)
@@ -395,7 +395,7 @@ class ThermalNetwork:
         return float(brentq(above, moments[first - 1] if first else 0.0, moments[first], xtol=1e-10, rtol=1e-12))
 
     def _outflow(self) -> Array:
-        """(n, n) [W/K]: heat flow out of each node per kelvin of every node."""
+        """Matrix of heat flow out of each node per kelvin of every node (n, n) [W/K]."""
         flow: Array = np.diag(self.exchange.sum(axis=1) + self.to_air) - self.exchange
         return flow
 
@@ -418,7 +418,7 @@ class ThermalNetwork:
         return begin
 
     def _modes(self, heating: Array) -> tuple[Array, Array, Array]:
-        """Rates (n,) [1/s], modes (n, n) and √C (n,) with `heating` (m,) [W/K] more power per kelvin of each winding.
+        """Return rates (n,) [1/s], modes (n, n) and √C (n,) with `heating` (m,) [W/K] more power per kelvin of winding.
 
         √C x makes the rate matrix symmetric: its modes are orthogonal.
         """
@@ -436,7 +436,7 @@ class ThermalNetwork:
 
 
 def _integral(rates: Array, t: Array | float) -> Array:
-    """∫ e^(λs) ds from 0 to `t` for each of the `rates` λ; t itself where λ is zero."""
+    """Return ∫ e^(λs) ds from 0 to `t` for each of the `rates` λ; t itself where λ is zero."""
     product = np.minimum(rates * t, _MAX_EXPONENT)
     small = np.abs(product) < 1e-12
     integral: Array = np.where(small, t, np.expm1(product) / np.where(small, 1.0, rates))
