@@ -14,7 +14,8 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from importlib import import_module
 from itertools import islice
 from multiprocessing import resource_tracker
@@ -290,7 +291,8 @@ def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
 
     An empty entry of PYTHONPATH, left by `export PYTHONPATH=$PYTHONPATH:...`, means the current folder: it is removed.
     A package that is not installed, found by a modified `sys.path`, comes first: otherwise the child would run another
-    version, or none.
+    version, or none. One installed in its source folder does not: other files of that folder would shadow Python's own
+    modules in the child, but not in this process.
     """
     found = {**(more or {}), **os.environ}
     if "PYTHONPATH" in found:
@@ -298,9 +300,24 @@ def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
         found["PYTHONPATH"] = os.pathsep.join(one for one in found["PYTHONPATH"].split(os.pathsep) if one)
     root, _ = _own_folders()
     folders = [one for one in found.get("PYTHONPATH", "").split(os.pathsep) if one]
-    if root not in folders and not root.endswith("-packages"):
+    if root not in folders and not root.endswith("-packages") and not _is_installed_in_place(root):
         found["PYTHONPATH"] = os.pathsep.join([root, *folders])
     return found
+
+
+@cache
+def _is_installed_in_place(root: str) -> bool:
+    """Whether a file NAME.pth of this Python names the folder `root`, as after `pip install --editable`, and this
+    process found it that way: after Python's own modules."""
+    own = os.path.dirname(os.__file__)
+    if root not in sys.path or own not in sys.path[: sys.path.index(root)]:
+        return False
+    folders = [*site.getsitepackages(), *([site.getusersitepackages()] if site.ENABLE_USER_SITE else [])]
+    for file in (file for folder in folders for file in sorted(Path(folder).glob("*.pth"))):
+        with suppress(OSError):
+            if root in file.read_text(encoding="utf-8", errors="replace").splitlines():
+                return True
+    return False
 
 
 def append_folders(folders: Iterable[str]) -> None:

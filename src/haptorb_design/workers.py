@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
-from multiprocessing import parent_process
+from multiprocessing import current_process, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
 from time import monotonic
@@ -95,6 +95,7 @@ _POLL_INTERVAL_S = 0.5  #: polling interval of the time limits [s]
 #: one thread each: there are as many processes as cores
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _READY = "ready"
+_START_LOCK = threading.Lock()  #: held while a process starts: it inherits the environment and the signals of this one
 
 
 @contextmanager
@@ -167,11 +168,11 @@ def compute_base_values(design: Design, limit: float = CANDIDATE_TIME_LIMIT_S) -
 class _Process:
     """A process, its candidates, and the start time of the first."""
 
-    def __init__(self, packed: bytes, memory: float) -> None:
+    def __init__(self, packed: bytes, memory: float, idle: float | None) -> None:
         context = spawn_context()
         self.connection, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(other, packed, memory), daemon=True)
-        with _one_thread_and_no_interrupt():
+        self.process = context.Process(target=_serve, args=(other, packed, memory, idle), daemon=True)
+        with _START_LOCK, _allow_children(), _one_thread_and_no_interrupt():
             self.process.start()
         other.close()
         self.jobs: deque[Job] = deque()
@@ -210,11 +211,15 @@ class ProcessWorkers:
 
     packed  the design
     limit   processor time of one candidate [s]
+    memory  most of one process [bytes]
+    idle    time without a candidate after which a process ends [s]; None: none
     """
 
-    def __init__(self, packed: bytes, many: int, limit: float) -> None:
-        self._packed, self._many, self._limit = packed, many, limit
-        self._memory = measure_memory() * (0.8 if many == 1 else 0.5)
+    def __init__(
+        self, packed: bytes, many: int, limit: float, memory: float = float("inf"), idle: float | None = None
+    ) -> None:
+        self._packed, self._many, self._limit, self._idle = packed, many, limit, idle
+        self._memory = min(memory, measure_memory() * (0.8 if many == 1 else 0.5))
         self._processes: list[_Process] = []
         self._failed_starts = 0
 
@@ -223,6 +228,8 @@ class ProcessWorkers:
         the limit, is rejected. InputError if processes cannot start."""
         todo: deque[Job] = deque((number, dict(values)) for number, values in jobs)
         deaths: Counter[int] = Counter()
+        for one in [one for one in self._processes if not one.process.is_alive()]:  # was idle, or was ended since
+            self._remove(one)
         try:
             while todo or any(one.jobs for one in self._processes):
                 self._send_jobs(todo)
@@ -238,7 +245,7 @@ class ProcessWorkers:
 
     def _send_jobs(self, todo: deque[Job]) -> None:
         while len(self._processes) < min(self._many, len(todo) + sum(bool(one.jobs) for one in self._processes)):
-            self._processes.append(_Process(self._packed, self._memory))
+            self._processes.append(_Process(self._packed, self._memory, self._idle))
         for ahead in range(_QUEUED_CANDIDATES):
             for one in self._processes:
                 if todo and len(one.jobs) <= ahead:
@@ -348,6 +355,20 @@ def processor_time(process: int | None) -> float | None:
 
 
 @contextmanager
+def _allow_children() -> Iterator[None]:
+    """Let a daemonic process, as a worker of Dask is, start a process: ours ends with its parent, however that ends."""
+    this = current_process()
+    if not this.daemon:
+        yield
+        return
+    this.daemon = False
+    try:
+        yield
+    finally:
+        this.daemon = True
+
+
+@contextmanager
 def _one_thread_and_no_interrupt() -> Iterator[None]:
     """Child processes started within ignore ^C and use one thread."""
     main = threading.current_thread() is threading.main_thread()
@@ -366,16 +387,16 @@ def _one_thread_and_no_interrupt() -> Iterator[None]:
             signal.signal(signal.SIGINT, before)
 
 
-def _serve(connection: Any, packed: bytes, memory: float) -> None:
+def _serve(connection: Any, packed: bytes, memory: float, idle: float | None) -> None:
     """A process: unpack the design, then compute one candidate after the other. It ends with the program that started
-    it, however that ends, and before all others where memory runs out."""
+    it, however that ends, when no candidate came for `idle` [s], and before all others where memory runs out."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_parent, daemon=True).start()
     _limit_memory(memory)
     try:
         design: Design = pickle.loads(packed)
         connection.send(_READY)
-        while (job := connection.recv()) is not None:
+        while connection.poll(idle) and (job := connection.recv()) is not None:
             connection.send(evaluate(design, *job))
     except (EOFError, BrokenPipeError):
         return
@@ -419,7 +440,8 @@ def open_workers(
     scheduler : str, optional
         Address of a Dask scheduler, such as tcp://127.0.0.1:8786: compute on its cluster instead.
     limit : float
-        Processor time of one candidate on this computer [s]; one that needs longer is rejected.
+        Processor time of one candidate [s]; one that needs longer is rejected. On a cluster it applies to designs with
+        a function of the user's own.
 
     Returns
     -------
@@ -430,27 +452,38 @@ def open_workers(
         return open_processes(design, processes, limit)
     if processes is not None:
         raise InputError("processes are those of this computer: leave them out with a scheduler")
-    return open_cluster_workers(design, scheduler)
+    return open_cluster_workers(design, scheduler, limit)
 
 
 # --------------------------------------------------------------------------------------------------
 # Evaluation on a Dask cluster: workers may join, leave and fail; every candidate is returned once.
+#
+# Candidates of a design with a user's function are evaluated in a process beside the worker, one for each of its
+# threads, with the limits of `ProcessWorkers`: Dask has no limit of time, and a job that ends its worker ends four.
 
 
 _MAX_JOB_CANDIDATES = 8  #: candidates per job at most, for load balance at the end
 _JOBS_PER_THREAD = 4  #: jobs per thread, unless they would exceed `_MAX_JOB_CANDIDATES`
+_MAX_IDLE_S = 120.0  #: after which the process beside a worker ends: the search is over, or its generation is long [s]
 
-Part = tuple[bytes, tuple[tuple[int, dict[str, Value]], ...]]
+Part = tuple[bytes, tuple[tuple[int, dict[str, Value]], ...], float]
+"""design with its code, candidates, and the limit of processor time of each [s]; 0: none, within the worker"""
 
 
 @contextmanager
-def open_cluster_workers(design: Design, address: str) -> Iterator[ClusterWorkers]:
+def open_cluster_workers(
+    design: Design, address: str, limit: float = CANDIDATE_TIME_LIMIT_S
+) -> Iterator[ClusterWorkers]:
     """Workers of the Dask scheduler at `address`, such as tcp://127.0.0.1:8786, for the candidates of `design`.
+
+    limit  processor time after which a candidate of a design with a user's function is rejected [s]
 
     Raises InputError if the scheduler does not answer, has no workers, or has different versions.
     """
+    if not limit > 0.0:
+        raise InputError(f"the time limit of a candidate must be above 0 s; got {limit:g} s")
     with open_cluster(address) as client:
-        yield ClusterWorkers(client, design)
+        yield ClusterWorkers(client, design, limit)
 
 
 @final
@@ -458,11 +491,13 @@ class ClusterWorkers:
     """Evaluation on a cluster, as `ProcessWorkers` does on this computer.
 
     client  of dask.distributed, open
+    limit   processor time of one candidate of a design with a user's function [s]
     """
 
-    def __init__(self, client: Any, design: Design) -> None:
+    def __init__(self, client: Any, design: Design, limit: float = CANDIDATE_TIME_LIMIT_S) -> None:
         self._client = client
         self._packed = pickle_with_code(design)  # includes the code of a user's own objective
+        self._limit = limit if design.has_own_code else 0.0
 
     def evaluate(self, jobs: Iterable[Job]) -> Iterator[Evaluation]:
         """Evaluate each candidate (number, values) once; yields as they arrive.
@@ -471,17 +506,19 @@ class ClusterWorkers:
         """
         todo = [(number, dict(values)) for number, values in jobs]
         size = max(1, min(_MAX_JOB_CANDIDATES, len(todo) // (_JOBS_PER_THREAD * max(1, count_threads(self._client)))))
-        parts: list[Part] = [(self._packed, tuple(todo[k : k + size])) for k in range(0, len(todo), size)]
+        if self._limit:  # none waits for one that takes long
+            size = 1
+        parts: list[Part] = [(self._packed, tuple(todo[k : k + size]), self._limit) for k in range(0, len(todo), size)]
         after = "results are kept; repeat the command to continue"
         killers: list[Part] = []
 
         def refuse(part: Part) -> Sequence[Evaluation]:
             """Retry the candidates of a job that ended its workers one by one; reject one that does so alone."""
-            _, jobs = part
+            _, jobs, limit = part
             if len(jobs) == 1:
                 number, values = jobs[0]
                 return [reject(number, values, "it ended the workers that computed it, perhaps because memory ran out")]
-            killers.extend((self._packed, (job,)) for job in jobs)
+            killers.extend((self._packed, (job,), limit) for job in jobs)
             return []
 
         while parts:
@@ -492,12 +529,38 @@ class ClusterWorkers:
 
 def evaluate_part(part: Part) -> Sequence[Evaluation]:
     """Worker function: unpack the design, evaluate some of its candidates."""
-    packed, jobs = part
-    design = _unpack(packed)
-    return [evaluate(design, number, values) for number, values in jobs]
+    packed, jobs, limit = part
+    if not limit:
+        design = _unpack(packed)
+        return [evaluate(design, number, values) for number, values in jobs]
+    try:
+        return list(_find_process(packed, limit).evaluate(jobs))
+    except KeyboardInterrupt as cause:  # raised by a candidate: it would end the thread of the worker
+        raise InputError("a candidate raised KeyboardInterrupt: remove it from the function") from cause
 
 
 @lru_cache(maxsize=4)
 def _unpack(packed: bytes) -> Design:
     design: Design = pickle.loads(packed)
     return design
+
+
+_of_thread = threading.local()  # `workers`: the process of this thread of a Dask worker; `of`: its design and limit
+
+
+def _find_process(packed: bytes, limit: float) -> ProcessWorkers:
+    """The process beside this thread of a Dask worker; it replaces that of another design."""
+    if getattr(_of_thread, "of", None) != (packed, limit):
+        if hasattr(_of_thread, "workers"):
+            _of_thread.workers.kill()
+        _of_thread.workers = ProcessWorkers(packed, 1, limit, _measure_worker_memory(), _MAX_IDLE_S)
+        _of_thread.of = packed, limit
+    workers: ProcessWorkers = _of_thread.workers
+    return workers
+
+
+def _measure_worker_memory() -> float:
+    """Memory that this Dask worker may use [bytes]; infinite without a limit."""
+    from distributed import get_worker  # an extra
+
+    return float(get_worker().memory_manager.memory_limit or "inf")

@@ -7,9 +7,11 @@ import os
 import shutil
 import subprocess
 import sys
+import venv
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy
 import pytest
 
 import haptorb
@@ -80,6 +82,25 @@ def test_a_child_runs_the_version_of_the_process_that_starts_it(tmp_path: Path, 
         env={**without, **path}, timeout=60,
     )  # fmt: skip
     assert done.stdout.strip() == str(tmp_path / "haptorb" / "__init__.py"), done.stderr
+
+
+def test_a_source_folder_that_is_installed_in_place_hides_nothing_in_a_child(tmp_path: Path) -> None:
+    """What else lies in the source folder goes after Python's own modules, as in the process that starts the child."""
+    shutil.copytree(SOURCES / "haptorb", tmp_path / "src" / "haptorb", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "src" / "colorsys.py").write_text("raise SystemExit('not the one of Python')")
+    (tmp_path / "src" / "haptorb" / "which.py").write_text("import colorsys, haptorb; print(haptorb.__file__)")
+    venv.create(tmp_path / "venv", symlinks=True)
+    (packages,) = (tmp_path / "venv").glob("lib/*/site-packages")
+    (packages / "in_place.pth").write_text(f"{tmp_path / 'src'}\n{Path(numpy.__file__).parents[1]}\n")
+    (packages / "another.pth").write_text(f"{tmp_path}\n")
+    host = (
+        "import subprocess, colorsys; from haptorb.cluster import environment, python_command; "
+        "subprocess.run(python_command('haptorb.which'), env=environment())"
+    )
+    command = [str(tmp_path / "venv" / "bin" / "python"), "-P", "-c", host]
+    without = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=without, timeout=60)
+    assert done.stdout.strip() == str(tmp_path / "src" / "haptorb" / "__init__.py"), done.stderr
 
 
 def test_an_empty_entry_of_the_path_is_not_the_current_folder(poisoned: Path, monkeypatch: pytest.MonkeyPatch) -> None:

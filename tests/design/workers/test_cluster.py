@@ -102,6 +102,52 @@ def test_one_of_three_workers_is_killed_and_nothing_is_lost_or_doubled(design: D
     assert sum(one.valid for one in found) > COUNT // 3
 
 
+HARM = """
+import os, sys, time, numpy
+
+def cost(candidate):
+    angle = round(candidate.device.workspace_half_angle * 57.29578)
+    if angle == 51: os.kill(os.getpid(), 9)
+    if angle == 52: sys.exit(3)
+    if angle == 53:
+        while True: pass
+    if angle == 54: return len([numpy.empty(2 ** 29) for _ in range(30)])
+    if angle == 55: raise KeyError("no row")
+    return candidate.device.dome_radius
+
+def room(candidate):
+    return candidate.device.dome_radius
+"""
+
+
+def test_candidates_that_harm_their_process_are_rejected_no_worker_ends_and_none_waits(
+    tmp_path: Path, cluster: Any
+) -> None:
+    (tmp_path / "cost.py").write_text(HARM)
+    (tmp_path / "bare.toml").write_text(BARE)
+    jobs: list[Job] = [(angle, {"radius": 30.0, "angle": float(angle)}) for angle in range(50, 59)]
+    workers_before = set(cluster.scheduler.workers)
+    arrived = []
+    with open_cluster_workers(parse_design(TOY, "toy", tmp_path), cluster.scheduler_address, 2.0) as workers:
+        for one in workers.evaluate(jobs):
+            arrived.append(one.number)
+            reason = REASONS.get(one.number)
+            assert (reason or "") in one.reason
+            assert one.valid is (reason is None)
+    assert sorted(arrived) == list(range(50, 59))
+    assert arrived[0] != 53  # the others do not wait for it
+    assert set(cluster.scheduler.workers) == workers_before
+
+
+REASONS = {
+    51: "its process ended 2 times: signal SIGKILL",
+    52: "its process ended 2 times: exit code 3",
+    53: "not computed within 2 s of processor time",
+    54: "MemoryError",
+    55: "KeyError: 'no row'",
+}
+
+
 @pytest.mark.slow
 def test_workers_of_another_version_are_refused_with_both(
     design: Design, cluster: Any, monkeypatch: pytest.MonkeyPatch

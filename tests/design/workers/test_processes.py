@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -14,10 +15,11 @@ from pathlib import Path
 import pytest
 
 from haptorb.errors import InputError
+from haptorb.own_code import pickle_with_code
 from haptorb_design.problem import Evaluation
 from haptorb_design.sampling import sample
 from haptorb_design.search import Optimiser, optimise
-from haptorb_design.workers import LocalWorker, compute_base_values, open_processes
+from haptorb_design.workers import LocalWorker, ProcessWorkers, compute_base_values, open_processes
 from oracles.designs.small_design import CODE, TEXT, make_design
 
 SLOW = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(0.01)")
@@ -108,6 +110,22 @@ def test_a_process_that_ends_once_by_itself_costs_no_candidate(tmp_path: Path) -
     assert [(one.number, one.valid) for one in found] == [(number, True) for number in range(5)]
     with pytest.raises(InputError, match="between 1 and 1000"), open_processes(design, 0):
         pass
+
+
+def test_a_process_that_ended_while_it_had_no_candidate_costs_the_next_one_nothing(tmp_path: Path) -> None:
+    """Beside a worker of a cluster, an idle process ends by itself."""
+    design = make_design(tmp_path)
+    job = (0, {"radius": 30.0, "angle": 60.0, "shell": "thin"})
+    workers = ProcessWorkers(pickle_with_code(design), 1, 60.0, idle=0.1)
+    try:
+        assert next(iter(workers.evaluate([job]))).valid
+        children = multiprocessing.active_children()
+        assert len(children) == 1
+        children[0].join(60.0)
+        assert not multiprocessing.active_children()
+        assert next(iter(workers.evaluate([job]))).valid
+    finally:
+        workers.close()
 
 
 PROGRAM = """
