@@ -10,6 +10,7 @@ from __future__ import annotations
 import ipaddress
 import select
 import socket
+import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from time import monotonic
@@ -30,6 +31,8 @@ _TIMEOUT_S = 2.0  #: for a server's response
 _KEEP_ALIVE_INTERVAL_S = 0.5  #: between two keep-alive messages to the server
 _BURST = 64
 _DOUBLE_TIME = (2, 7)  #: first protocol version whose frames have their time as a double
+_NO_LATENCY = (3, 0)  #: first protocol version whose frames have no latency before the time, which `natnet` never reads
+_PARAMETERS_BYTES = 2  #: what follows the time in a frame of an earlier version
 
 
 def _encode_request(kind: int, text: bytes = b"") -> bytes:
@@ -100,6 +103,7 @@ class NatNetFeed(Feed):
         self._buffer: Any = PacketBuffer
         self._version: Any = Version(*version)
         self._single = tuple(version) < _DOUBLE_TIME
+        self._has_latency = tuple(version) < _NO_LATENCY
         self._socket, self._body = connected, body
         self._socket.setblocking(False)
         self._times = DatagramTimes()
@@ -134,9 +138,10 @@ class NatNetFeed(Feed):
     def read(self, data: bytes, arrival: float) -> RawPose | RejectedPose:
         """Parse the body's pose in one frame; a frame without it means that it is lost."""
         try:
-            frame = self._frame.read_from_buffer(self._buffer(data[4:]), self._version)
+            buffer = self._buffer(data[4:])
+            frame = self._frame.read_from_buffer(buffer, self._version)
             bodies = [one for one in frame.rigid_bodies if self._body in (0, one.id_num)]
-            sent = float(frame.suffix.timestamp)
+            sent = self._read_time(buffer) if self._has_latency else float(frame.suffix.timestamp)
             resolution = float(np.spacing(np.float32(sent))) if self._single else 0.0
             stamp = self._clock.stamp(sent, arrival, resolution)
             self._missing = self._explain([int(one.id_num) for one in frame.rigid_bodies], bodies)
@@ -147,6 +152,12 @@ class NatNetFeed(Feed):
             )
         except Exception:  # a parser's failure on untrusted bytes
             return RejectedPose("garbage")
+
+    def _read_time(self, buffer: Any) -> float:
+        """Time of a frame before NatNet 3.0 [s]: `buffer` was read without its latency, and so ends 4 bytes early."""
+        kind = struct.Struct("<f" if self._single else "<d")
+        (sent,) = kind.unpack_from(buffer.data, buffer.pointer + 4 - _PARAMETERS_BYTES - kind.size)
+        return float(sent)
 
     def _explain(self, known: list[int], bodies: list[Any]) -> str:
         """Explain why a frame with the rigid bodies `known` has no pose; empty if `bodies` is one that is tracked."""
