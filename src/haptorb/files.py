@@ -30,6 +30,7 @@ __all__ = [
     "RECORDING",
     "SHARED",
     "FileLock",
+    "describe_size_limit",
     "escape_formula",
     "folders",
     "foreign_name",
@@ -186,6 +187,18 @@ def _check_depth(raw: Any) -> None:
 
 # --------------------------------------------------------------------------------------------------
 # Atomic replacement of a file: it is written beside its destination, then moved there.
+
+
+def describe_size_limit() -> str:
+    """Return what limits the size of the files that this process may write, and what to do; empty without a limit."""
+    try:
+        import resource  # not at the top: Windows lacks it
+    except ImportError:
+        return ""
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if most == resource.RLIM_INFINITY:
+        return ""
+    return f"no file may be larger than {most / 1024:.0f} KiB in this shell (ulimit -f): raise that limit"
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from haptorb.errors import RecordingError, quote
 from haptorb.file_kind import FileKind
-from haptorb.files import open_regular
+from haptorb.files import describe_size_limit, open_regular
 
 __all__ = [
     "BUSY",
@@ -165,20 +165,9 @@ _HEAD = 256 * 1024  #: bytes read to recognise a file's kind
 def explain_error(cause: SQLAlchemyError) -> str:
     """Return the database's own message in one line, with this shell's file size limit where that may be the cause."""
     words = str(getattr(cause, "orig", None) or cause).splitlines()[0]
-    largest = _find_size_limit()
-    if largest and ("I/O error" in words or "is full" in words):
-        words += f"; no file may be larger than {largest / 1024:.0f} KiB in this shell (ulimit -f): raise that limit"
+    if (limit := describe_size_limit()) and ("I/O error" in words or "is full" in words):
+        words += f"; {limit}"
     return words
-
-
-def _find_size_limit() -> int:
-    """Return the largest size of a file that this process may write [bytes]; 0 if there is no limit."""
-    try:
-        import resource  # not at the top: Windows lacks it
-    except ImportError:
-        return 0
-    most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    return 0 if most == resource.RLIM_INFINITY else most
 
 
 def _check_neighbours(path: Path) -> None:

@@ -19,6 +19,7 @@ import typer
 
 from haptorb.cli import calibrate, check, execute, fit, frame, hardware, keys, recording, replay, run, show, train, view
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
+from haptorb.files import describe_size_limit
 from haptorb.runtime.linux import Termination, raise_termination
 from haptorb.terminal import CommandLine, drop_output, open_output, say, tell, use_ascii_fallback
 from haptorb.version import __version__
@@ -129,6 +130,14 @@ def check_secrets(words: list[str]) -> None:
             )
 
 
+def _is_file_too_large(mistake: BaseException) -> bool:
+    """Whether a file that may not become larger is a cause of `mistake`."""
+    cause: BaseException | None = mistake
+    while cause is not None and not (isinstance(cause, OSError) and cause.errno == errno.EFBIG):
+        cause = cause.__cause__
+    return cause is not None
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user error prints one message without a traceback."""
     open_output()
@@ -138,7 +147,9 @@ def main(arguments: list[str] | None = None) -> int:
             check_secrets(sys.argv[1:] if arguments is None else arguments)
             _command()(args=arguments)
     except HaptorbError as mistake:
-        say(f"haptorb: {mistake.command_message}")
+        limit = describe_size_limit() if _is_file_too_large(mistake) else ""
+        already = not limit or limit in mistake.command_message
+        say(f"haptorb: {mistake.command_message}" + ("" if already else f"; {limit}"))
         return 2
     except ModuleNotFoundError as missing:
         words = [word for word in (sys.argv[1:] if arguments is None else arguments) if not word.startswith("-")]
@@ -156,6 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
         if cause.errno not in _DISK_FULL_ERRORS:
             raise
         drop_output()
-        say(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}")
+        limit = describe_size_limit() if cause.errno == errno.EFBIG else ""
+        say(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}" + (limit and f"; {limit}"))
         return 2
     return 0

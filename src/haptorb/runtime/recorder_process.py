@@ -8,6 +8,7 @@ first tick.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import select
@@ -18,6 +19,7 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
+from haptorb.files import describe_size_limit
 from haptorb.recording.destination import complete
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
@@ -42,7 +44,10 @@ def main(spec: Mapping[str, Any]) -> int:
     try:
         _record(shared, spec)
     except Exception as cause:
-        shared.recorder_reason.write(str(cause)[:4000])
+        reason = str(cause)
+        if isinstance(cause, OSError) and cause.errno == errno.EFBIG:
+            reason = f"{reason}; {describe_size_limit()}"
+        shared.recorder_reason.write(reason[:4000])
         shared.words[Word.RECORDER] = Phase.FAILED
         return 1
     finally:

@@ -7,6 +7,7 @@ coils off.
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import shutil
@@ -33,7 +34,7 @@ from haptorb.display import format_vector
 from haptorb.errors import InputError, RecordingError, ServoError, UnknownName, WorldError, quote
 from haptorb.estimation.calibration import Calibration
 from haptorb.estimation.tracker_frame import TrackerFrame
-from haptorb.files import FileLock, sweep
+from haptorb.files import FileLock, describe_size_limit, sweep
 from haptorb.recording.destination import RunRecording
 from haptorb.recording.row import LatestRow, RowLayout
 from haptorb.runtime import plan
@@ -352,10 +353,10 @@ class Servo:
             try:
                 plan.save(self._make_plan(), file)
             except OSError as cause:
-                raise ServoError(
-                    f"cannot write to {file.parent.parent}: {cause.strerror}; free some room there, or name another "
-                    "folder by TMPDIR"
-                ) from cause
+                advice = "free some room there, or name another folder by TMPDIR"
+                if cause.errno == errno.EFBIG:
+                    advice = describe_size_limit()
+                raise ServoError(f"cannot write to {file.parent.parent}: {cause.strerror}; {advice}") from cause
             except Exception as cause:
                 raise InputError(f"world or device cannot be sent to the servo's process: {cause}") from cause
             self._attach(SharedMemory.create(self.layout))

@@ -7,6 +7,7 @@ Every word has one writer; all access is non-blocking.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import mmap
 import os
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from haptorb.arrays import Array, Records, StateArray
 from haptorb.errors import InputError, ServoError
-from haptorb.files import SHARED, FileLock, folders
+from haptorb.files import SHARED, FileLock, describe_size_limit, folders
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.linux import END_SIGNALS
 from haptorb.worlds.dynamic import CLIENT_FORCE, FADE, HOLD
@@ -834,7 +835,7 @@ class SharedMemory:
     @classmethod
     def create(cls, layout: RowLayout) -> SharedMemory:
         """Create a new one, all zeros, in a memory file system where possible; ServoError if there is no space."""
-        size = _size(layout) + _PAGE
+        size, advice = _size(layout) + _PAGE, "free some"
         for folder in folders():
             try:
                 descriptor, name, claim = _create_file(folder)
@@ -852,11 +853,13 @@ class SharedMemory:
                 made.hand.write(0, float("nan"))
                 made._claim = claim
                 return made
-            except OSError:
+            except OSError as cause:
                 Path(name).unlink()
+                if cause.errno == errno.EFBIG:
+                    advice = describe_size_limit()
             finally:
                 os.close(descriptor)
-        raise ServoError(f"no room for {size / 1e6:.0f} MB in /dev/shm or {tempfile.gettempdir()}; free some")
+        raise ServoError(f"no room for {size / 1e6:.0f} MB in /dev/shm or {tempfile.gettempdir()}; {advice}")
 
     @classmethod
     def attach(cls, path: str | Path) -> SharedMemory:
