@@ -19,10 +19,17 @@ from haptorb.runtime.linux import WORKS_ANYWHERE, require_linux
 PROGRAM = str(Path(__file__).with_name("other_system.py"))
 
 
+def own_temporary_files(folder):
+    """Programs of Linux beside these would remove files that nobody has locked: there are no locks on Windows."""
+    (folder / "temporary").mkdir()
+    return {"TMPDIR": str(folder / "temporary")}
+
+
 def use(system, folder, *only):
     """What each part came to, in a process from which modules, names and folders of Linux are hidden."""
     command = [sys.executable, "-X", "warn_default_encoding", PROGRAM, system, str(folder), *only]
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", env={**os.environ, "COLUMNS": "100"})
+    environment = {**os.environ, **own_temporary_files(folder), "COLUMNS": "100"}
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", env=environment)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -121,7 +128,7 @@ def test_nothing_is_left_of_a_run_that_was_killed(system, tmp_path):
     words = ["haptorb", "run", "--headless", "--record", str(record)]
     mark = f"MARK={tmp_path}"
     run = subprocess.Popen(
-        [sys.executable, PROGRAM, system, "-m", *words], env={**os.environ, "MARK": str(tmp_path)},
+        [sys.executable, PROGRAM, system, "-m", *words], env={**os.environ, **own_temporary_files(tmp_path), "MARK": str(tmp_path)},
         stderr=subprocess.PIPE,
     )  # fmt: skip
     try:

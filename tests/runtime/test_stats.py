@@ -10,7 +10,7 @@ from haptorb.runtime.loop import count_tick, publish_row
 from haptorb.runtime.shared_memory import COUNTS, Histogram, Word
 
 LAYOUT = RowLayout(3, 1)
-FILLED = ("tick", "wall", "lateness", "missed", "buttons", "grip")
+FILLED = ("tick", "wall", "lateness", "missed", "buttons", "grip", "hand_t")
 
 
 def page() -> np.ndarray:
@@ -29,6 +29,7 @@ def test_a_row_is_completed_and_copied() -> None:
         "missed": 4.0,
         "buttons": 0.0,
         "grip": 0.0,
+        "hand_t": 0.0,
     }
     others = np.ones(LAYOUT.width, dtype=bool)
     for name in FILLED:

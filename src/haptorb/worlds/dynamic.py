@@ -747,8 +747,9 @@ def _render(memory: Records, force: float, torque: float, wrench: Array) -> None
 
 @dataclass(frozen=True)
 class Remote(DynamicWorld):
-    """Force and torque of a program connected with `haptorb run --serve`: the latest command, faded if no other
-    follows.
+    """Force and torque of a program connected with `haptorb run --serve`.
+
+    They are those of the latest command, faded if no other follows.
 
     A command lasts 50 ms. If none follows, its force fades to zero within 20 ms; when the connection is lost,
     the fade begins at once. The memory contains the client's command and the share that is rendered, so that the

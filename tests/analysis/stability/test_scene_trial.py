@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from oracles.scene_trial import find_passivity, try_scene
 @pytest.mark.parametrize("name", SHIPPED)
 def test_less_than_a_millijoule_comes_out_of_a_scene(name: str) -> None:
     device = load("omni" if name == "boxes" else "pmsm")
+    if name != "boxes":  # a motor as its file says: the force of one within its tolerances is off by some per cent
+        device = replace(device, tolerance=None)
     setting = CouplingSetting(device, 1000.0, GRIPS["light"])
     scene = setting.couple(Scene(name))
     assert isinstance(scene, Scene)

@@ -237,9 +237,9 @@ def test_heat_from_a_recording(tmp_path, monkeypatch):
             return len(t)
 
         def __getitem__(self, name):
-            still = {"currents": 0.0, "resistance": 0.6, "boundary": 298.15}[name]
+            still = {"current_measured": 0.0, "resistance": 0.6, "boundary": 298.15}[name]
             out = np.full((len(t), 3), still)
-            out[:, heated] = {"currents": i, "resistance": R, "boundary": edge}[name]
+            out[:, heated] = {"current_measured": i, "resistance": R, "boundary": edge}[name]
             return out
 
     monkeypatch.setattr("haptorb.recording.recording.Recording", FakeRecording)
