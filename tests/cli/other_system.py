@@ -191,7 +191,7 @@ def run_with_page(*words):
     """As `run_command`, ended by Ctrl-C when its page was read: with how many bytes it answered."""
     from haptorb.cli import main
 
-    out, err, page = io.StringIO(), io.StringIO(), []
+    out, err, page, ended = io.StringIO(), io.StringIO(), [], threading.Event()
 
     def read():
         while (found := re.search(r"http://\S+", err.getvalue().replace("\n", " ") + " ")) is None:
@@ -199,7 +199,8 @@ def run_with_page(*words):
         with urllib.request.urlopen(found[0], timeout=20) as answer:
             page.append(len(answer.read()))
         time.sleep(1.0)
-        signal.raise_signal(signal.SIGINT)
+        if not ended.is_set():  # by itself, with a message
+            signal.raise_signal(signal.SIGINT)
 
     thread = threading.Thread(target=read, daemon=True)
     thread.start()
@@ -208,6 +209,8 @@ def run_with_page(*words):
             code = main([str(word) for word in words])
         except SystemExit as end:
             code = end.code
+        finally:
+            ended.set()
     return code, f"page of {page[0]} bytes" if page else "no page", err.getvalue()
 
 

@@ -127,10 +127,9 @@ def test_nothing_is_left_of_a_run_that_was_killed(system, tmp_path):
     record = tmp_path / "run.mcap"
     words = ["haptorb", "run", "--headless", "--record", str(record)]
     mark = f"MARK={tmp_path}"
-    run = subprocess.Popen(
-        [sys.executable, PROGRAM, system, "-m", *words], env={**os.environ, **own_temporary_files(tmp_path), "MARK": str(tmp_path)},
-        stderr=subprocess.PIPE,
-    )  # fmt: skip
+    environment = {**os.environ, **own_temporary_files(tmp_path), "MARK": str(tmp_path)}
+    command = [sys.executable, PROGRAM, system, "-m", *words]
+    run = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
     try:
         wait_until(lambda: record.exists() and record.stat().st_size > 20_000 and len(find(mark)) >= 3, 60)
     finally:
