@@ -322,6 +322,11 @@ class SharedPage:
     def restore(self) -> None:
         """A servo that runs, and a page that nobody has touched."""
         servo, page = self.servo, self.screen.page
+        # What the last test's keys sent has arrived once a command that was sent after it has: a late STOP would be ours.
+        cooled = servo.count("cool")
+        self.screen.until("haptorb.control")
+        page.evaluate("document.getElementById('cool').click()")
+        self.screen.wait_for(lambda: servo.count("cool") > cooled, lambda: servo.calls)
         servo.guard, servo.trip, servo.coils = GuardState.RUNNING, Trip.NONE, CoilState.ON
         servo.silent, servo.model = False, "exact"
         servo.recording_trouble = servo.warning = ""

@@ -46,7 +46,7 @@ def test_stop_is_whole_and_no_text_lies_over_another(shared):
 
 
 def test_stop_works_beside_an_open_dialog(shared):
-    screen, _ = shared
+    screen, fake = shared
     page = screen.page
     screen.until("haptorb.control")
     for button in ("#ask", "#device"):
@@ -59,8 +59,10 @@ def test_stop_works_beside_an_open_dialog(shared):
     page.get_by_role("button", name="Close").click()
     assert page.locator("dialog[open]").count() == 0
     page.locator("#ask").click()
+    stops = fake.stops
     page.keyboard.press("Escape")
     assert page.locator("dialog[open]").count() == 0
+    screen.wait_for(lambda: fake.stops > stops, lambda: "Escape closed the dialog without a stop")
 
 
 #: what lies over the reason of a trip and its button, if anything
