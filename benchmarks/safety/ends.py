@@ -13,6 +13,9 @@ Emulated board: by the emulator's log of its PWM chip's registers, in firmware t
 coils went off before the end (a computer that is too busy for the board's watchdog of 15 ms) does not count and is
 repeated. Exit code 1 if a single end took longer than 20 ms, or left a process or shared memory behind.
 
+A late end says what the rows say of it: the trip, the longest gap between two rows and the time until the signal was
+sent. A gap as long as the lateness is a computer that stood still; rows without a gap are a host that did not react.
+
 With `--into`, every end is appended to a file with the commit and the time at which it was measured, and those that the
 file has are not measured again: a thousand ends take two hours, and need not be measured in one go.
 """
@@ -35,7 +38,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from itertools import cycle, islice
+from itertools import cycle, islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -190,8 +193,8 @@ class Lane:
         """End the board."""
         self._stack.close()
 
-    def run(self, case: Case, measuring: threading.Lock) -> float:
-        """From the signal to coils off [ms]. Raises LostRun."""
+    def run(self, case: Case, measuring: threading.Lock) -> tuple[float, dict[str, float | str]]:
+        """From the signal to coils off [ms], and what the rows say of it. Raises LostRun."""
         self._number += 1
         self._flag.unlink(missing_ok=True)
         program = Program(case, self._folder, self._number, self._tracker, self._flag, self.emulator)
@@ -202,7 +205,7 @@ class Lane:
         finally:
             if left := program.tidy():
                 raise Left(f"{case}: left behind: {left}\n{program.said()}")
-        return took
+        return took, program.evidence
 
 
 class Program:
@@ -219,6 +222,7 @@ class Program:
         self._asked = False  #: to end, by what this case is about
         self._pages = ExitStack()
         self.memory: SharedMemory | None = None
+        self.evidence: dict[str, float | str] = {}  #: of the end on the simulated device: see `_wait_for_row`
         pipe = folder / f"pipe-{number}"
         if case.fault == "disk":
             os.mkfifo(pipe)
@@ -338,6 +342,7 @@ class Program:
                 raise LostRun("its time was over already")
             before, early = over, over - before
         act()
+        self.evidence["sent_ms"] = round(1e3 * (time.monotonic() - before), 2)
         self._asked = True
         took = self._wait_for_board(early) if self._emulator is not None else self._wait_for_row(before, cursor)
         if took < -EARLY:
@@ -389,8 +394,11 @@ class Program:
             _, rows = self.memory.ring.read_since(cursor)
             off = [n for n in range(len(rows)) if not rows[n, at["duty_applied"]].any()]
             if off and (off[0] + 1 < len(rows) or over):
-                wall = float(rows[min(off[0] + 1, len(rows) - 1), at["wall"]][0])
-                return 1e3 * (wall - before)
+                last = min(off[0] + 1, len(rows) - 1)
+                walls = [float(rows[n, at["wall"]][0]) for n in range(last + 1)]
+                self.evidence["gap_ms"] = round(1e3 * max((b - a for a, b in pairwise(walls)), default=0.0), 2)
+                self.evidence["trip"] = Trip(int(rows[last, at["trip"]][0])).name
+                return 1e3 * (walls[-1] - before)
             time.sleep(0.0005)
         return float("inf")
 
@@ -461,12 +469,13 @@ class Results:
                 self.commits.add(row["commit"])
                 self.found.append((Case(row["end"], row["fault"], row["board"]), float(row["off_ms"])))
 
-    def add(self, case: Case, took: float) -> None:
-        """Add an end that took so long [ms]."""
+    def add(self, case: Case, took: float, evidence: dict[str, float | str]) -> None:
+        """Add an end that took so long [ms], with what its rows say."""
         self.found.append((case, took))
         self.commits.add(self._commit)
         if self._path is not None:
-            row = {**vars(case), "off_ms": round(took, 2), "commit": self._commit, "unix": round(time.time())}
+            row = {**vars(case), "off_ms": round(took, 2), **evidence, "commit": self._commit}
+            row["unix"] = round(time.time())
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
 
@@ -492,7 +501,7 @@ def measure(
                         return
                     todo.remove(case)
                 try:
-                    took = lane.run(case, measuring)
+                    took, evidence = lane.run(case, measuring)
                 except LostRun as why:
                     lost.append(str(why))
                     tell(f"lost: {case}: {str(why)[-200:]}")
@@ -506,9 +515,10 @@ def measure(
                     tell(f"LEFT BEHIND: {why}")
                     continue
                 with taking:
-                    results.add(case, took)
+                    results.add(case, took, evidence)
                 if took > LIMIT or len(found) % 25 == 0:
-                    tell(f"{len(found)} of {count}: {case.end} beside {case.fault} on {case.board}: {took:.1f} ms")
+                    kind = f"{case.end} beside {case.fault} on {case.board}"
+                    tell(f"{len(found)} of {count}: {kind}: {took:.1f} ms {evidence}")
         except BaseException as cause:
             failures.append(cause)
 
