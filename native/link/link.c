@@ -304,14 +304,49 @@ enum link_result link_read(struct link *link, struct state *state)
     return LINK_SILENT;
 }
 
-static void name_program(char *name, size_t size)
+/* The first bytes of a file of /proc as text; their number. */
+static size_t read_text(const char *path, char *text, size_t size)
 {
-    const int file = open("/proc/self/comm", O_RDONLY | O_CLOEXEC);
-    const ssize_t length = file < 0 ? -1 : read(file, name, size - 1);
+    const int file = open(path, O_RDONLY | O_CLOEXEC);
+    const ssize_t length = file < 0 ? -1 : read(file, text, size - 1);
 
     if (file >= 0)
         close(file);
-    name[length > 0 ? length - (name[length - 1] == '\n') : 0] = 0;
+    text[length > 0 ? length : 0] = 0;
+    return length > 0 ? (size_t)length : 0;
+}
+
+/* Of Python the script or module: people know their program by it. */
+static const char *find_script(const char *words, size_t length)
+{
+    const char *end = words + length;
+
+    for (const char *word = words + strlen(words) + 1; word < end; word += strlen(word) + 1) {
+        const bool valued = strcmp(word, "-m") == 0 || strcmp(word, "-W") == 0 || strcmp(word, "-X") == 0;
+        if (strcmp(word, "-c") == 0 || (valued && word + 3 >= end))
+            return NULL;
+        if (strcmp(word, "-m") == 0)
+            return word + 3;
+        if (valued)
+            word += 3; /* to its value */
+        else if (word[0] != '-')
+            return strrchr(word, '/') != NULL ? strrchr(word, '/') + 1 : word;
+    }
+    return NULL;
+}
+
+static void name_program(char *name, size_t size)
+{
+    char words[1024];
+    const size_t length = read_text("/proc/self/comm", name, size);
+
+    if (length > 0 && name[length - 1] == '\n')
+        name[length - 1] = 0;
+    if (strncmp(name, "python", 6) != 0)
+        return;
+    const char *script = find_script(words, read_text("/proc/self/cmdline", words, sizeof words));
+    if (script != NULL && script < words + sizeof words && script[0] != 0)
+        snprintf(name, size, "%s", script);
 }
 
 /* Whether this process commands the device from now on. */
@@ -325,7 +360,9 @@ static bool claim(struct link *link)
         holder = 0;
         if (__atomic_compare_exchange_n(&link->command->claim, &holder, link->claim, false, __ATOMIC_ACQ_REL,
                                         __ATOMIC_ACQUIRE)) {
-            name_program(link->command->program, sizeof link->command->program);
+            char name[sizeof link->command->program] = "";
+            name_program(name, sizeof name);
+            memcpy(link->command->program, name, sizeof name);
             return true;
         }
         if (holder == link->claim)

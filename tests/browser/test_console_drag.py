@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from firmware.make_firmware import make_firmware
+from haptorb.control.trips import GuardState, Trip
 from haptorb.runtime.drivers.board_emulator import Emulator
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -78,8 +79,6 @@ def test_a_hidden_page_lets_go_at_once(staged: Any, fake: Any) -> None:
 
 def test_what_is_waited_for_and_cooling_are_on_the_page(staged: Any, fake: Any) -> None:
     """The tracker's silence in words, in place of "off"; a button cools simulated coils."""
-    from haptorb.control.trips import GuardState
-
     fake.guard, fake.missing_pose = GuardState.OFF, "waiting for a pose on OSC port 9109: 7 refused"
     screen = staged()
     screen.until("haptorb.status === 'no pose yet'")
@@ -117,6 +116,16 @@ def test_programs_that_are_connected_are_on_the_page_and_see_its_buttons(staged:
     title = badge.get_attribute("title") or ""
     assert "812 Hz teleoperator, commands" in title
     assert "20 Hz watcher, watches" in title
+    fake.guard, fake.trip, fake.trip_program = GuardState.TRIPPED, Trip.OVERHEATED, "floor.py (process 7)"
+    fake.connections = [
+        {"server": "native", "address": "run", "count": 0, "clients": [], "dropped": 0, "programs": [
+            {"name": "floor.py (process 7)", "session": 1, "start_s": 0.5, "end_s": 2.0, "end": "exited"}]}
+    ]  # fmt: skip
+    screen.until("document.getElementById('alert-text').innerText.includes('Program: floor.py (process 7).')")
+    assert badge.inner_text() == "native: nobody (floor.py (process 7): exited)"
+    assert "floor.py (process 7): commanded from 0.5 s to 2.0 s (exited)" in (badge.get_attribute("title") or "")
+    fake.guard, fake.trip = GuardState.RUNNING, Trip.NONE
+    screen.until("haptorb.status === 'running'")
     screen.page.keyboard.down("1")
     screen.page.keyboard.down("3")
     screen.page.keyboard.up("1")

@@ -18,7 +18,7 @@ class Rows:
     """Ticks of which only the saturation is known."""
 
     path, truncated, long, checked, lost, worlds = Path("run.mcap"), False, False, True, 0, ()
-    missing, damage = (), ()
+    missing, damage, programs = (), (), ()
     fields: tuple[Field, ...] = (FIELDS["saturated"],)
 
     def __init__(self, saturated: list[float]) -> None:

@@ -62,7 +62,7 @@ class Console {
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
   private readonly link: Link;
-  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: true, coils: NaN, missingPose: "" };
+  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: true, coils: NaN, missingPose: "", tripProgram: "" };
   private readonly sendTimes: number[] = [];
   private readonly answers: number[] = [];
   private readonly arrivals: number[] = [];
@@ -279,6 +279,7 @@ class Console {
       case "health":
         this.silence.servoEnded = event["alive"] === false;
         this.silence.missingPose = String(event["missing_pose"] ?? "");
+        this.silence.tripProgram = String(event["trip_program"] ?? "");
         this.health = event as unknown as Health;
         this.header.showConnections(this.health.connections ?? []);
         this.notice(this.health);

@@ -25,6 +25,8 @@ export interface Silence {
   coils: number;
   /** which pose is waited for, in the server's words; empty while poses are valid */
   missingPose: string;
+  /** the program that commanded at the last trip; empty: none */
+  tripProgram: string;
 }
 
 const GUARD = { off: 0, ramping: 1, running: 2, derated: 3, tripped: 4 };
@@ -59,7 +61,8 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
     case GUARD.tripped: {
       const { word, text } = session.trips[String(sample.number("trip"))] ?? { word: "tripped", text: "Unknown reason." };
       const waits = silence.missingPose ? ` ${sentence(silence.missingPose)}` : "";
-      return { word, tone: "bad", reason: text + waits, engageable: true };
+      const by = silence.tripProgram ? ` Program: ${silence.tripProgram}.` : "";
+      return { word, tone: "bad", reason: text + waits + by, engageable: true };
     }
     case GUARD.off:
       if (silence.missingPose) return { word: "no pose yet", tone: "off", reason: sentence(silence.missingPose), engageable: false };

@@ -126,7 +126,7 @@ class _Run:
     def _read(self, lines: IO[bytes]) -> None:
         for line in lines:
             text = line.decode(errors="replace")
-            if text.startswith("native: "):
+            if not self._path and text.startswith("native: "):
                 self._path = text.removeprefix("native: ").strip()
                 self._ready.set()
             else:

@@ -150,6 +150,10 @@ def _numbers(recording: Recording, whole: bool) -> dict[str, Any]:
         "duration_s": duration_of(recording),
         "versions": recording.metadata.get("versions", {}),
         "worlds": [{"tick": one.get("tick", ""), "world": one.get("world", "")} for one in recording.worlds],
+        "programs": [
+            {key: one.get(key, "") for key in ("server", "name", "session", "start_s", "end_s", "end")}
+            for one in recording.programs
+        ],
         "errors": [{"tick": one.get("tick", ""), "text": one.get("text", "")} for one in recording.errors],
         "fields": [
             {"name": one.name, "width": one.width, "unit": one.unit, "about": one.about} for one in recording.fields

@@ -422,4 +422,5 @@ def _report(servo: Servo, json: bool) -> None:
     for line in describe_servers(report.get("servers", [])):
         say(line)
     for trip in report["trips"]:
-        say(f"tripped at {trip['t']:.2f} s: {trip['reason']}")
+        by = f" (while {trip['program']} commanded)" if trip["program"] else ""
+        say(f"tripped at {trip['t']:.2f} s{by}: {trip['reason']}")

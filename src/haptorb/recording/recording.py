@@ -151,6 +151,10 @@ class Summarized(Protocol):
         """Whether all rows were compared with their checksums."""
 
     @property
+    def programs(self) -> list[dict[str, str]]:
+        """The programs that commanded."""
+
+    @property
     def lost(self) -> int:
         """Rows that the recorder could not fetch in time."""
 
@@ -199,6 +203,7 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
         ("driver", run.get("driver", "")),
         ("controller model", run.get("model", "")),
         ("worlds", ", ".join(dict.fromkeys(map(_name_world, recording.worlds)))),
+        ("programs", "; ".join(map(_describe_program, recording.programs))),
         ("length", f"{seconds:.4g} s, {rows} rows{rate}"),
     ]
     if rows and (whole or (whole is None and not recording.long)):
@@ -212,6 +217,16 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
         facts.append(("repaired", f"from {repaired.get('of', 'another file')}: {repaired.get('damage') or 'its end'}"))
     facts.append(("end", _CUT if recording.truncated else "complete"))
     return [(name, foreign_text(text, 1000)) for name, text in facts if text]
+
+
+def _describe_program(program: Mapping[str, str]) -> str:
+    """Name and times on the loop's clock.
+
+    >>> _describe_program({"name": "demo", "start_s": "0.5", "end_s": "2.25", "end": "exited"})
+    'demo from 0.5 s to 2.25 s (exited)'
+    """
+    end = f"to {program.get('end_s')} s ({program.get('end')})" if program.get("end_s") else "on"
+    return f"{program.get('name', 'unknown')} from {program.get('start_s', '?')} s {end}"
 
 
 def list_losses(recording: Summarized) -> list[str]:
@@ -630,6 +645,13 @@ class Recording:
     def errors(self) -> list[dict[str, str]]:
         """Error messages of worlds and drivers, in order: tick (approximate), text (with file and line of a world)."""
         return [values for name, values in self.notes if name == "haptorb/error"]
+
+    @property
+    def programs(self) -> list[dict[str, str]]:
+        """Programs that commanded through a server, in order: server, name, session (as in the rows), start_s and end_s
+        on the loop's clock [s], and how it ended; end_s empty: it commanded to the end."""
+        found = {(one.get("server"), one.get("session")): one for name, one in self.notes if name == "haptorb/program"}
+        return list(found.values())
 
     @property
     def lost(self) -> int:

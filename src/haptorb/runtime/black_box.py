@@ -19,6 +19,7 @@ from haptorb.control.trips import Trip
 from haptorb.files import replace_file
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
+from haptorb.runtime.report import find_program
 from haptorb.runtime.shared_memory import SLOTS, TRIPS, SharedMemory, StateSlots, Word, split_snapshot
 from haptorb.runtime.tick_state import TickState
 
@@ -124,7 +125,8 @@ class BlackBox:
                     recorder.add_metadata(note, values)
                 for change, text in worlds:
                     recorder.add_metadata("world", {"change": str(change), "tick": "", "world": text})
-                reason = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": known["error"]}
+                reason = {"t": repr(tripped.t), "code": trip.name, "reason": trip.text, "error": known["error"],
+                          "program": find_program(self._shared, tripped.t)}  # fmt: skip
                 recorder.add_metadata("trip", reason)
                 if "arrays" in known:
                     recorder.add_metadata(LAYOUT_NOTE, {"arrays": known["layout"]})

@@ -24,6 +24,7 @@ from haptorb.recording.destination import complete
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
 from haptorb.runtime.linux import END_SIGNALS, KillTimer, end_group, is_parent_gone, is_running
+from haptorb.runtime.report import read_servers
 from haptorb.runtime.shared_memory import REGULAR, Phase, SharedMemory, Word, split_snapshot
 
 __all__ = ["main"]
@@ -71,6 +72,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
         cursor = worlds = lost = errors = states = left_out = 0
         servo, timer = _ProcessExit(spec["servo"]), KillTimer()
         last = described = False
+        programs: dict[tuple[str, str], dict[str, str]] = {}
         while True:
             words[Word.RECORDER_LOOKS] += 1
             timer.set(_WATCHDOG_TIMEOUT_S)
@@ -82,6 +84,7 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
                 errors, text = shared.error.read()
                 if text:
                     recorder.add_metadata("error", {"tick": str(words[Word.TICKS]), "text": text})
+            _note_programs(recorder, shared, programs)
             for number, tick, snapshot in shared.states.read_since(states, REGULAR):
                 states = number
                 if words[Word.RECORDING_PAUSED]:
@@ -120,6 +123,20 @@ def _record(shared: SharedMemory, spec: Mapping[str, Any]) -> None:
         words[Word.WRITTEN] = recorder.safe_rows
         # Only a complete recording may be overwritten; a truncated one stays write-protected.
         complete(file.fileno(), temporary=bool(spec["temporary"]))
+
+
+def _note_programs(recorder: Recorder, shared: SharedMemory, known: dict[tuple[str, str], dict[str, str]]) -> None:
+    """Add a note for each program that has begun or ceased to command since the last call."""
+    for server in read_servers(shared):
+        for hold in server.get("programs", ()):
+            note = {
+                "server": str(server["server"]),
+                **{key: "" if one is None else str(one) for key, one in hold.items()},
+            }
+            key = note["server"], note["session"]
+            if known.get(key) != note and note["name"]:
+                recorder.add_metadata("program", note)
+                known[key] = note
 
 
 class _ProcessExit:

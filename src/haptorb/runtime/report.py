@@ -19,9 +19,11 @@ __all__ = [
     "count_recorded",
     "describe_detail",
     "describe_slow_world",
+    "find_program",
     "is_tripped",
     "loop_report",
     "read_detail",
+    "read_servers",
     "world_failure",
 ]
 
@@ -83,12 +85,32 @@ def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
 
 
 def trips(shared: SharedMemory, tracker: str) -> list[dict[str, Any]]:
-    """List the first trips in order: time on the loop's clock [s], code, and explanation for the tracker `tracker`."""
+    """List the first trips in order: time on the loop's clock [s], code, and explanation for the tracker `tracker`;
+    `program` commanded then, "" for none."""
     found, facts = [], tracker_facts(shared)
     for t, code in shared.trips[: min(shared.words[Word.TRIPS], TRIPS)].tolist():
         trip = Trip(int(code))
-        found.append({"t": t, "code": trip.name, "reason": describe_trip(trip, tracker, facts)})
+        found.append({"t": t, "code": trip.name, "reason": describe_trip(trip, tracker, facts),
+                      "program": find_program(shared, t)})  # fmt: skip
     return found
+
+
+_FADE_S = 0.07  #: a command lasts and fades for so long after the last one [s]
+
+
+def read_servers(shared: SharedMemory) -> list[dict[str, Any]]:
+    """The last report of each server for other programs, in the order of the `--serve` options."""
+    return [json.loads(text) for text in (slot.read()[1] for slot in shared.server_facts) if text]
+
+
+def find_program(shared: SharedMemory, t: float) -> str:
+    """Name of the program that commanded at `t` on the loop's clock [s], or whose force was fading; empty: none."""
+    for server in read_servers(shared):
+        for hold in reversed(server.get("programs", ())):
+            end = math.inf if hold["end_s"] is None else hold["end_s"]
+            if hold["start_s"] <= t <= end + _FADE_S:
+                return str(hold["name"]) or f"a program of {server['server']}"
+    return ""
 
 
 def tracking(shared: SharedMemory) -> dict[str, Any]:

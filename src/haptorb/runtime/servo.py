@@ -49,13 +49,15 @@ from haptorb.runtime.report import (
     RunReport,
     describe_detail,
     describe_slow_world,
+    find_program,
     is_tripped,
     loop_report,
     read_detail,
+    read_servers,
     tracker_facts,
     world_failure,
 )
-from haptorb.runtime.shared_memory import BUTTONS, SharedMemory, Word, engage_request
+from haptorb.runtime.shared_memory import BUTTONS, TRIPS, SharedMemory, Word, engage_request
 from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.runtime.trackers.pose_filter import describe_missing_pose
 from haptorb.runtime.trackers.registry import Preparation, prepare_tracker
@@ -809,10 +811,17 @@ class Servo:
     @property
     def connections(self) -> list[dict[str, Any]]:
         """The programs connected to each server, in the order of the `--serve` options: `server`,
-        `address`, and `clients`, each with its name, `session`, `rate_hz` and whether it `holds` the device."""
+        `address`, `clients`, each with its name, `session`, `rate_hz` and whether it `holds` the device, and
+        `programs`, the last ones that commanded: `ProgramHold`."""
         shared = self._shared
-        texts = () if shared is None else [slot.read()[1] for slot in shared.server_facts]
-        return [json.loads(text) for text in texts if text]
+        return [] if shared is None else read_servers(shared)
+
+    @property
+    def trip_program(self) -> str:
+        """Name of the program that commanded at the last trip; empty: none, or no trip."""
+        shared = self._shared
+        count = 0 if shared is None else min(int(shared.words[Word.TRIPS]), TRIPS)
+        return "" if shared is None or not count else find_program(shared, float(shared.trips[count - 1, 0]))
 
     @property
     def recording_trouble(self) -> str:

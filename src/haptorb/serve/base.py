@@ -14,7 +14,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from time import monotonic, process_time, sleep
@@ -25,6 +25,7 @@ from haptorb.arrays import Array, record
 from haptorb.cluster import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
+from haptorb.files import foreign_text
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted
 from haptorb.runtime.liveness import HangWatch
@@ -47,6 +48,7 @@ __all__ = [
     "OTHER_LOOPBACK",
     "SILENCE",
     "KindModule",
+    "ProgramHold",
     "ServedDevice",
     "ServerChoice",
     "ServerKind",
@@ -74,7 +76,26 @@ __all__ = [
 SILENCE = 2.0  #: a client that sends no command for this long loses control of the device [s]
 LATE = 1.0  #: a request that waited unread for longer than this is discarded [s]
 _SESSIONS_PER_SERVER = 10_000  #: session numbers reserved for each server
+_MAX_HOLDS = 8  #: programs that commanded, listed in the reports of a server: the last ones
+_MAX_NAME = 60  #: characters of a program's name there
 _MAX_COMMANDED_FORCE_N = 1e6  #: per component [N, N·m]; the limits of the world and the guard are far lower
+
+
+@dataclass
+class ProgramHold:
+    """A program's time in command of the device.
+
+    name, session     of the program
+    start_s, end_s    on the loop's clock [s]; end_s None: it commands now
+    end               "released": it closed the device or switched its forces off; "exited": its process ended or its
+                      connection was lost; "silent": it commanded nothing for too long; "": it commands now
+    """
+
+    name: str
+    session: int
+    start_s: float
+    end_s: float | None = None
+    end: str = ""
 
 
 @final
@@ -100,6 +121,8 @@ class ServedDevice:
         self._cursor = shared.ring.count
         self._sessions = _SESSIONS_PER_SERVER * slot
         self._holder, self._held_since = 0, 0.0
+        self._holds: list[ProgramHold] = []
+        self._names: dict[int, str] = {}
         self._facts: dict[str, Any] = {}  # the last report
         self._world_number, self._renders = -1, False
 
@@ -172,11 +195,24 @@ class ServedDevice:
         self._sessions += 1
         return self._sessions
 
+    def _begin_hold(self, session: int) -> None:
+        self._names = {session: self._names.get(session, "")}
+        if self._holds and self._holds[-1].session == session:  # after a pause
+            self._holds[-1].end_s, self._holds[-1].end = None, ""
+            return
+        hold = ProgramHold(self._names[session], session, round(monotonic() - self.origin, 4))
+        self._holds = [*self._holds, hold][-_MAX_HOLDS:]
+
+    def _end_hold(self, when: float, end: str) -> None:
+        self._holder = 0
+        if self._holds and self._holds[-1].end_s is None:
+            self._holds[-1].end_s, self._holds[-1].end = round(when - self.origin, 4), end
+
     @property
     def holder(self) -> int:
         """Session of the client that controls the device; 0: none."""
         if self._holder and monotonic() - self._held_since > SILENCE:
-            self._holder = 0
+            self._end_hold(self._held_since, "silent")
         return self._holder
 
     def command(
@@ -207,15 +243,19 @@ class ServedDevice:
         if now - since > HOLD:  # safety: waited-is-stale
             self.stale += 1
             return False
+        if self._holder != session:
+            self._begin_hold(session)
         self._holder, self._held_since = session, since
         self._block.command(force, session, since, mapping, torque, gripper)
         return True
 
-    def lose(self, session: int) -> None:
-        """End the force of a client `session` whose connection was lost, and release the device if it had control."""
+    def lose(self, session: int, end: str = "exited") -> None:
+        """End the force of a client `session` whose connection was lost, and release the device if it had control.
+
+        `end` is how, see `ProgramHold`."""
         if self._holder == session:
-            self._holder = 0
             self._block.lose(monotonic())  # safety: lost-client-told
+            self._end_hold(monotonic(), end)
 
     def request_world(self, name: str, values: Mapping[str, Any]) -> None:
         """Request the world `name` with `values` from the program that runs the servo.
@@ -226,10 +266,14 @@ class ServedDevice:
     def report(self, server: str, address: str, clients: Sequence[Mapping[str, Any]], **more: Any) -> None:
         """Publish the connected clients for the user: each of `clients` has `name`, `session`, `rate_hz` and `holds`.
 
-        Call it at most four times a second. Above 50 clients, the others are only counted."""
+        Call it at most four times a second. Above 50 clients, the others are only counted. The report has the programs
+        that commanded, too: the last 8."""
+        self._names |= {int(one["session"]): foreign_text(one["name"], _MAX_NAME) for one in clients if one["holds"]}
+        for hold in self._holds:
+            hold.name = hold.name or self._names.get(hold.session, "")
         facts = {
             "server": server, "address": address, "count": len(clients), "clients": list(clients[:50]),
-            "dropped": self.dropped, "stale": self.stale, **more,
+            "dropped": self.dropped, "stale": self.stale, "programs": [asdict(one) for one in self._holds], **more,
         }  # fmt: skip
         self._facts = facts
         self._shared.server_facts[self._slot].write(json.dumps(facts))
@@ -237,7 +281,8 @@ class ServedDevice:
     def conclude(self) -> None:
         """Publish the final report of this server: no clients; its counts stay for the report of the run."""
         if self._facts:
-            self._facts |= {"count": 0, "clients": [], "dropped": self.dropped}
+            programs = [asdict(one) for one in self._holds]
+            self._facts |= {"count": 0, "clients": [], "dropped": self.dropped, "programs": programs}
             self._shared.server_facts[self._slot].write(json.dumps(self._facts))
 
 
@@ -517,7 +562,8 @@ class Serving:
             for one in self._servers:
                 self._apply_request(one, shared.server_requests[one.number])
                 over = one.process is not None and one.process.poll() is not None
-                if over and self._servo.alive and not one.reported_end:
+                ends = shared.words[Word.QUIT] or shared.words[Word.PHASE] >= Phase.ENDED  # then they end by themselves
+                if over and not ends and self._servo.alive and not one.reported_end:
                     one.reported_end = True
                     show(f"--serve {one.choice.kind} ended, the servo continues: {self._explain_end(one)}\n")
 
@@ -710,14 +756,32 @@ _COUNT_TEXTS = {
 }
 
 
-def describe_servers(servers: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Format one line for each server that dropped or refused something.
+_END_TEXTS = {
+    "released": "when it gave the device back",
+    "exited": "when it ended or its connection was lost",
+    "silent": "when it sent no more commands",
+}
 
+
+def _describe_hold(hold: Mapping[str, Any]) -> str:
+    since = f"{hold['name'] or 'a program'} commanded from {hold['start_s']:.2f} s"
+    if hold["end_s"] is None:
+        return f"{since} on"
+    return f"{since} to {hold['end_s']:.2f} s, {_END_TEXTS.get(hold['end'], 'when it ended')}"
+
+
+def describe_servers(servers: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Format one line for each program that commanded, and for each server that dropped or refused something.
+
+    >>> hold = {"name": "demo", "session": 1, "start_s": 0.5, "end_s": 2.0, "end": "exited"}
+    >>> describe_servers([{"server": "native", "programs": [hold]}])
+    ['native: demo commanded from 0.50 s to 2.00 s, when it ended or its connection was lost']
     >>> describe_servers([{"server": "osc", "refused": 3, "dropped": 0}, {"server": "lsl", "dropped": 0}])
     ['osc: 3 messages or connections refused']
     """
     lines = []
     for one in servers:
+        lines += [f"{one['server']}: {_describe_hold(hold)}" for hold in one.get("programs", ())]
         counted = [f"{one[key]} {text}" for key, text in _COUNT_TEXTS.items() if one.get(key)]
         if counted:
             lines.append(f"{one['server']}: {'; '.join(counted)}")

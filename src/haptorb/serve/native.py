@@ -29,7 +29,7 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.gripper import Gripper
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError
-from haptorb.files import folders
+from haptorb.files import folders, foreign_text
 from haptorb.runtime.linux import raise_priority, request_exact_timers
 from haptorb.serve.base import ServedDevice, ServerPreparation
 from haptorb.version import __version__
@@ -351,6 +351,7 @@ class _Commander:
 
 _LOOK = 2e-4  #: between two looks [s]
 _REPORT = 0.5  #: between two reports of who commands [s]
+_MAX_NAME = 40  #: characters of a program's name, without its number
 _TRIES = 5
 _OPENED = (_COMMAND_AT + COMMAND["opened"][0]) // 8  # word: when a program opened the device first; 0: none has
 _LEAST_COSINE = 1e-3  #: of half a gripper's angle, where its opening says nothing of the rate of the angle
@@ -384,6 +385,7 @@ class NativeServer:
         self._claim, self._session, self._sequence = 0, 0, 0
         self._commander: _Commander | None = None
         self._commands, self._counted_at, self._counted = 0, monotonic(), 0
+        self._changed = False  # who commands, since the last report
         self.program = ""  #: that commands
         self.refused = 0  #: commands that were none: numbers that are not finite, processes that do not exist
         self._write_facts()
@@ -533,7 +535,7 @@ class NativeServer:
         if self._commander is None:
             return
         if not self._commander.alive:  # safety: native-exit-told
-            self._change_commander(0)
+            self._change_commander(0, "exited")
             words[start] = 0
             return
         sequence = words[start + 1]
@@ -551,7 +553,7 @@ class NativeServer:
         self._sequence = sequence
         self._commands += 1
         if not enabled:
-            self.served.lose(self._session)
+            self.served.lose(self._session, "released")
             return
         back = self._placement.turn_back
         if not self.served.command(
@@ -559,9 +561,10 @@ class NativeServer:
         ):
             self.refused += 1
 
-    def _change_commander(self, claim: int) -> None:
+    def _change_commander(self, claim: int, end: str = "released") -> None:
+        self._changed = True
         if self._commander is not None:
-            self.served.lose(self._session)
+            self.served.lose(self._session, end)
             self._commander.close()
             self._commander, self.program = None, ""
         self._claim = claim
@@ -577,11 +580,17 @@ class NativeServer:
         self._commander, self._session = commander, self.served.open_session()
         at, count, _ = COMMAND["program"]
         text = bytes(self._bytes[_COMMAND_AT + at : _COMMAND_AT + at + count]).split(b"\0")[0]
-        self.program = text.decode(errors="replace") or commander.name
+        name = text.decode(errors="replace").strip()
+        self.program = f"{foreign_text(name, _MAX_NAME)} ({commander.name})" if name else commander.name
+
+    @property
+    def changed(self) -> bool:
+        """Whether another program commands than in the last report."""
+        return self._changed
 
     def report(self, address: str) -> None:
-        """Tell people which program commands."""
-        now = monotonic()
+        """Publish which program commands, and which ones did."""
+        now, self._changed = monotonic(), False
         rate = (self._commands - self._counted) / max(now - self._counted_at, 1e-3)
         self._counted, self._counted_at = self._commands, now
         clients = [{"name": self.program, "session": self._session, "rate_hz": round(rate, 1),
@@ -700,7 +709,7 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
             report = 0.0
             while not served.over:
                 server.look()
-                if monotonic() >= report:
+                if monotonic() >= report or server.changed:
                     report = monotonic() + _REPORT
                     server.report(str(path))
                 sleep(_LOOK)

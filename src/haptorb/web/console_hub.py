@@ -109,7 +109,8 @@ _MAX_HEALTH_READ_S = 1.0
 
 
 def describe_troubles(servo: Servo) -> dict[str, Any]:
-    """Whether the loop runs, warning texts (empty: none), and the connected programs."""
+    """Whether the loop runs, warning texts (empty: none), the connected programs, and which commanded at the last
+    trip."""
     return {
         "alive": servo.alive,
         "recording_trouble": servo.recording_trouble,
@@ -117,6 +118,7 @@ def describe_troubles(servo: Servo) -> dict[str, Any]:
         "world_trouble": servo.world_trouble,
         "missing_pose": servo.missing_pose,
         "connections": servo.connections,
+        "trip_program": servo.trip_program,
     }
 
 

@@ -42,6 +42,7 @@ class FakeServo:
         self.layout = RowLayout.of(self.device)
         self.alive = True
         self.recording_trouble = self.warning = self.world_trouble = self.missing_pose = ""
+        self.trip_program = ""
         self.own_worlds: Mapping[str, World] = {}
         self.silent = False  #: publish nothing
         self.guard = GuardState.RUNNING

@@ -23,6 +23,8 @@ export interface Connection {
   address: string;
   count: number;
   clients: { name: string; session: number; rate_hz: number; holds: boolean }[];
+  /** the last ones that commanded, in order; end_s null: now */
+  programs?: { name: string; start_s: number; end_s: number | null; end: string }[];
 }
 
 export class Header {
@@ -75,13 +77,17 @@ export class Header {
     const one = (client: Connection["clients"][number]): string => `${formatNumber(client.rate_hz, 0)} Hz ${client.name}`;
     const servers = connections.map((server) => {
       const [first] = [...server.clients].sort((a, b) => Number(b.holds) - Number(a.holds) || b.rate_hz - a.rate_hz);
-      if (!first) return `${server.server}: nobody`;
+      const last = server.programs?.at(-1);
+      if (!first) return `${server.server}: nobody${last && last.end_s !== null ? ` (${last.name}: ${last.end})` : ""}`;
       return `${server.server}: ${one(first)}${server.count > 1 ? ` +${server.count - 1}` : ""}`;
     });
     write(box, servers.join(" · "));
     const lines = connections.flatMap((server) => [
       `${server.server} ${server.address}`,
       ...server.clients.map((client) => `${one(client)}, ${client.holds ? "commands" : "watches"}`),
+      ...(server.programs ?? []).map(({ name, start_s, end_s, end }) =>
+        `${name}: commanded from ${formatNumber(start_s, 1)} s ${end_s === null ? "on" : `to ${formatNumber(end_s, 1)} s (${end})`}`,
+      ),
     ]);
     box.title = `${lines.join("\n")}\nKeys 1, 2, 3 are the buttons a, b, c.`;
   }

@@ -59,7 +59,7 @@ class Player {
   private readonly target: TargetPane | null = null;
   private readonly shapes: Shapes;
   private readonly plots: Plots;
-  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: false, coils: NaN, missingPose: "" };
+  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: false, coils: NaN, missingPose: "", tripProgram: "" };
   private readonly costs: { scene: number[]; plots: number[] } = { scene: [], plots: [] };
   private wish = { t: 0, speed: 0, at: 0 };
   private shown = { t: 0, tick: NaN, row: -1, drawn: 0 };
