@@ -210,8 +210,8 @@ def _correct(study: Study, number: NDArray[Any], interval: NDArray[Any], answers
 def place_answers(study: Study, answers: NDArray[Any], position: NDArray[Any]) -> NDArray[Any]:
     """(trials, 3) answered positions [m], whose distance from the prompted set-point is the error.
 
-    In an identification the contact position at the set-point named, in a localisation the tool's `position`; NaN where
-    the answer is not a place.
+    In an identification the contact position at the set-point named, in a localisation the position of the tool; NaN
+    where the answer is not a place.
     """
     if study.procedure == "localisation":
         return position

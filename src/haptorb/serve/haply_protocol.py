@@ -78,7 +78,7 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @dataclass(frozen=True)
 class Transform:
-    """Transform v → position + rotation · (scale v): `position` [m], `rotation` (x, y, z, w), `scale` per axis."""
+    """Transform v → position + rotation · (scale v): a position [m], a rotation (x, y, z, w) and a scale per axis."""
 
     position: Vector = (0.0, 0.0, 0.0)
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
