@@ -244,7 +244,7 @@ class MotorUncertainty(ChainUncertainty):
     coil: Annotated[
         Share,
         m.Meaning(
-            "relative torque per ampere of each coil, from position, axis, winding and turns, those of the magnets included"
+            "relative torque per ampere of each coil: its position, axis, winding and turns, and those of the magnets"
         ),
         Field(default=0.05, validate_default=True),
     ]
