@@ -22,6 +22,7 @@ struct device {
     double last_force[3], last_torque[3];
     bool enabled[CAPABILITIES];
     int64_t enabled_at;
+    bool told_kinematics;  /* that the device has none: once, as drivers ask for joints in every frame */
     double velocity_limit; /* [mm/s] */
     double ramping_rate;   /* [N/s] */
 };
@@ -473,6 +474,19 @@ static int read_parameter(const struct device *device, HDenum parameter, double 
     }
 }
 
+/* How many numbers describe an arm's kinematics; 0: it is another parameter. A device without any gives zeros: programs
+ * read them without looking at the error. */
+static int count_kinematics(HDenum parameter)
+{
+    switch (parameter) {
+    case HD_CURRENT_JOINT_ANGLES:
+    case HD_LAST_JOINT_ANGLES: return 3;
+    case HD_CURRENT_ENCODER_VALUES:
+    case HD_LAST_ENCODER_VALUES: return MOTORS;
+    default: return 0;
+    }
+}
+
 /* As hdGet...v wants them: how many values there are; none, and an error, where they cannot be had. */
 static int get(HDenum parameter, double *values, const void *out)
 {
@@ -486,13 +500,19 @@ static int get(HDenum parameter, double *values, const void *out)
         return 0;
     }
     pthread_mutex_lock(&mutex);
-    const int found = parameter >= HD_FORCE_OUTPUT && parameter < HD_FORCE_OUTPUT + CAPABILITIES
+    int found = parameter >= HD_FORCE_OUTPUT && parameter < HD_FORCE_OUTPUT + CAPABILITIES
                           ? (values[0] = device->enabled[parameter - HD_FORCE_OUTPUT], 1)
                           : read_parameter(device, parameter, values);
+    const int asked = count_kinematics(parameter);
+    if (found < 0 && asked > 0) {
+        memset(values, 0, VALUES_MAX * sizeof *values);
+        found = device->told_kinematics ? asked : -asked;
+        device->told_kinematics = true;
+    }
     pthread_mutex_unlock(&mutex);
     if (found <= 0)
         hd_push(found == 0 ? HD_INVALID_ENUM : HD_INVALID_OPERATION, 0, handle);
-    return found > 0 ? found : 0;
+    return asked > 0 ? asked : found > 0 ? found : 0;
 }
 
 #define GETTER(name, type, convert)                                                                                    \

@@ -104,7 +104,7 @@ COMMAND = _lay_out(
 
 #: all of a state but its text
 _NUMBERS = Struct("".join(f"{count}{kind}" for _, count, kind in STATE.values() if kind != "s"))
-_NO_JOINTS = (0.0,) * 8
+_JOINTS = 8
 
 
 # --------------------------------------------------------------------------------------------------
@@ -378,6 +378,7 @@ class NativeServer:
         self._at = {name: layout[name] for name in names}
         self._at["p"] = layout["p" if self._direct else "object"]
         self._at["q"] = layout["q" if self._direct else "object_q"]
+        self._at["rotor"] = layout["q"]
         self._at["force"] = layout["wrench_commanded" if self._direct else "object_wrench"]
         self._tick, self._t, self._p, self._known = -1, 0.0, (0.0, 0.0, 0.0), False
         self._velocity, self._q, self._trips = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), [0] * SLOTS
@@ -459,9 +460,10 @@ class NativeServer:
         _NUMBERS.pack_into(
             self._bytes, slot,
             self._tick, int(1e9 * wall) if math.isfinite(wall) else 0, n[at["valid"].start] == 1.0,
-            int(guard) if math.isfinite(guard) else 0, trip, served.button_bits, 0, self._find_warmth(n[at["winding"]]),
+            int(guard) if math.isfinite(guard) else 0, trip, served.button_bits, 0 if self._direct else 3,
+            self._find_warmth(n[at["winding"]]),
             *place(self._p), *_turn_rotation(self._q), *turn(self._velocity), *turn(self._turning),
-            *turn(force), *turn(torque), *self._find_grip(n), *_NO_JOINTS,
+            *turn(force), *turn(torque), *self._find_grip(n), *self._find_joints(n),
         )  # fmt: skip
         if trip != self._trips[number % SLOTS]:
             self._trips[number % SLOTS] = trip
@@ -493,6 +495,17 @@ class NativeServer:
         opening, rate, force = _finite([n[at[name].start] for name in ("gripper", "gripper_v", "gripper_force")])
         angle = 2.0 * math.asin(min(max(0.5 * opening / gripper.length, 0.0), 1.0))
         return angle, rate / (gripper.length * max(math.cos(0.5 * angle), _LEAST_COSINE)), force
+
+    def _find_joints(self, n: list[float]) -> tuple[float, ...]:
+        """(8,) angles of a motor's rotor about the program's x, y and z [rad]: R = Rx(a) Ry(b) Rz(c); else zeros."""
+        if self._direct:
+            return (0.0,) * _JOINTS
+        x, y, z, w = n[self._at["rotor"]]
+        if not math.isfinite(x + y + z + w):
+            return (0.0,) * _JOINTS
+        r = _turn_rotation((x, y, z, w))
+        angles = math.atan2(-r[5], r[8]), math.asin(min(max(r[2], -1.0), 1.0)), math.atan2(-r[1], r[0])
+        return angles + (0.0,) * (_JOINTS - 3)
 
     def _note_pose(self, n: list[float]) -> None:
         """Keep the last pose that was valid, and its velocity; a target's is the way since the row before."""

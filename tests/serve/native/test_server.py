@@ -658,6 +658,17 @@ def test_a_motor_shows_its_object(libraries: Path, monkeypatch: pytest.MonkeyPat
             assert dhd.dhdGetOrientationFrame(matrix, ANY) == 0
             assert np.reshape(matrix, (3, 3)) == pytest.approx(rotation_from_euler(0.0, 0.0, 0.2))
             assert numbers(dhd.dhdGetAngularVelocityRad, 3) == pytest.approx([0.0, 0.0, 0.0])
+            joints = (ctypes.c_double * 8)()
+            rotor = (np.sin(0.15), 0.0, 0.0, np.cos(0.15))  # about the user's right, which is y there
+            served.publish(object=(0.002, 0.0, 0.0), q=rotor, share=(1.0, 0.0), gain=1.0)
+            await_position(dhd, (0.0, 0.02, 0.0))
+            assert dhd.dhdGetJointAngles(joints, ANY) == 0
+            assert list(joints) == pytest.approx([0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], abs=1e-12)
+            served.publish(
+                object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), gain=0.5, share=(1.0, 0.0),
+                object_wrench=(2.0, 4.0, 6.0, 1.0, 1.0, 1.0),
+            )  # fmt: skip
+            await_position(dhd, (-0.02, 0.01, 0.03))
             assert numbers(dhd.dhdGetForceAndTorque, 6) == pytest.approx([-2.0, 1.0, 3.0, 0.0, 0.0, 0.0])
             limits = served.loop.device.limits
             assert set_all(dhd, (0.0, 0.0, 1e3), (0.0, 0.0, 1e3), 0.0) == 2

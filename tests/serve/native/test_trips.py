@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -44,6 +46,14 @@ def wait_for(found: Any) -> None:
         sleep(0.01)
 
 
+@contextmanager
+def killed_at_last(process: subprocess.Popen[str]) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        process.kill()
+
+
 @pytest.mark.realtime
 def test_report_console_and_recording_name_the_program(libraries: Path, tmp_path: Path) -> None:
     """A person stops while it pushes; it pushes on after the person engages, until it is killed."""
@@ -51,11 +61,12 @@ def test_report_console_and_recording_name_the_program(libraries: Path, tmp_path
     script.write_text(PUSH)
     with haptic_device("omni", real_time=True, serve=["native"]) as run:
         servo = run.servo
+        wait_for(lambda: servo.connections)
         address = servo.connections[0]["address"]
         with subprocess.Popen(
             [sys.executable, "-W", "ignore", str(script), str(libraries / "libdrd.so.3")],
             env={**os.environ, "HAPTORB_RUN": address}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        ) as process:  # fmt: skip
+        ) as process, killed_at_last(process):  # fmt: skip
             assert process.stdin is not None
             assert process.stdout is not None
             name = f"push up.py (process {process.pid})"
