@@ -73,6 +73,7 @@ typedef struct {
 #define HD_INVALID_PRIORITY 0x0500
 #define HD_SCHEDULER_FULL 0x0501
 #define HD_INVALID_LICENSE 0x0600
+#define HD_DEVICE_ERROR(info) ((info).errorCode != HD_SUCCESS)
 
 /* Parameters. */
 #define HD_CURRENT_BUTTONS 0x2000

@@ -95,6 +95,41 @@ def test_every_declared_name_is_there(libraries: Path) -> None:
     assert set(re.findall(r"^\w+ T (\w+)$", static.stdout, re.MULTILINE)) == dhd | drd
 
 
+#: numbers and macros that CHAI3D 3.2's device class and ROS' drivers of the Touch name beside the functions
+NAMES = """
+#include <HD/hd.h>
+#include <drdc.h>
+static_assert(DHD_DEVICE_3DOF == 31 && DHD_DEVICE_OMEGA == 32 && DHD_DEVICE_OMEGA3 == 33 && DHD_DEVICE_OMEGA33 == 34);
+static_assert(DHD_DEVICE_OMEGA331 == 35 && DHD_DEVICE_OMEGA33_LEFT == 36 && DHD_DEVICE_OMEGA331_LEFT == 37);
+static_assert(DHD_DEVICE_FALCON == 60 && DHD_DEVICE_6DOF == 61 && DHD_DEVICE_6DOF_500 == 62);
+static_assert(DHD_DEVICE_DELTA3 == 63 && DHD_DEVICE_DELTA6 == 64 && DHD_DEVICE_SIGMA33P == 106);
+static_assert(DHD_DEVICE_SIGMA33P_LEFT == 107 && DHD_DEVICE_SIGMA331 == 104 && DHD_DEVICE_SIGMA331_LEFT == 105);
+static_assert(DHD_MAX_DOF == 8 && DHD_ON == 1 && DHD_OFF == 0 && DHD_TIMEGUARD == 1 && DHD_MAX_DEVICE >= 4);
+HDCallbackCode HDCALLBACK call(void *) { return HD_CALLBACK_DONE; }
+int main()
+{
+    HDErrorInfo error;
+    hdInitDevice(HD_DEFAULT_DEVICE);
+    if (HD_DEVICE_ERROR(error = hdGetError()))
+        return error.errorCode == HD_DEVICE_FAULT ? 0 : 1;
+    hdScheduleAsynchronous(call, nullptr, HD_MAX_SCHEDULER_PRIORITY);
+    return 2;
+}
+"""
+
+
+def test_numbers_and_macros_of_programs(libraries: Path, tmp_path: Path) -> None:
+    """They compile as such programs name them; without a device the macro sees the fault."""
+    if shutil.which("c++") is None:
+        pytest.skip("c++ is not installed (Debian: apt-get install g++)")
+    source, binary = tmp_path / "names.cpp", tmp_path / "names"
+    source.write_text(NAMES)
+    headers = f"-I{libraries.parent / 'include'}"
+    subprocess.run(["c++", "-std=c++17", source, "-o", binary, headers, f"-L{libraries}", "-lHD"], check=True)
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(libraries), "HAPTORB_RUN": str(tmp_path / "none.device")}
+    assert subprocess.run([binary], env=environment, stderr=subprocess.DEVNULL, check=False).returncode == 0
+
+
 #: what CHAI3D's device class for Force Dimension calls
 CHAI3D = """
 drdOpenID drdClose drdStop drdIsInitialized drdAutoInit dhdOpenID dhdClose dhdGetDeviceCount dhdGetDeviceID
