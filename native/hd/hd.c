@@ -338,6 +338,15 @@ EXPORT void hdEndFrame(HHD handle)
     pthread_mutex_unlock(&mutex);
 }
 
+void hd_abandon_frames(void)
+{
+    pthread_mutex_lock(&mutex);
+    for (int i = 0; i < LINKS_MAX; i++)
+        if (devices[i].framed && pthread_equal(devices[i].owner, pthread_self()))
+            devices[i].framed = false;
+    pthread_mutex_unlock(&mutex);
+}
+
 /* ---- capabilities ---- */
 
 static struct device *find_capability(HDenum capability)

@@ -10,6 +10,9 @@
 /* Put an error onto the stack. */
 void hd_push(HDerror error, int internal, HHD device);
 
+/* A frame that this thread has begun and a callback left open ends, and commands nothing. */
+void hd_abandon_frames(void);
+
 double hd_rate(void);               /* of the scheduler [Hz] */
 double hd_instantaneous_rate(void); /* of its last two ticks [Hz]; 0: it does not run */
 

@@ -112,6 +112,7 @@ static void *run(void *argument)
             active = entry.handle;
             pthread_mutex_unlock(&mutex);
             const HDCallbackCode code = entry.callback(entry.data);
+            hd_abandon_frames(); /* some return early after an error of hdBeginFrame */
             pthread_mutex_lock(&mutex);
             if (own != generation)
                 break;

@@ -234,6 +234,25 @@ def test_openhaptics_fork_and_threads(served: ServedFile, program: Any) -> None:
     assert said == ["child 0x104", "child 0", "0x401 0x402 0x400", "", "True", "0x104 0x104 0x104"]
 
 
+def test_a_frame_that_a_callback_leaves_open(served: ServedFile, program: Any) -> None:  # noqa: F811
+    """As drivers do that return at an error of hdBeginFrame: the next frames begin, and their forces go out."""
+    process = program("""
+        h = hd.hdInitDevice(None); hd.hdEnable(0x4000); hd.hdDisable(0x4002)
+        count, found = [0], []
+        def call(_):
+            count[0] += 1
+            hd.hdBeginFrame(h)
+            found.extend(errors())
+            if count[0] % 2: return 1
+            force(0, 0.5, 0); hd.hdEndFrame(h)
+            return 1
+        keep = CALL(call); schedule(keep); hd.hdStartScheduler()
+        sys.stdin.readline(); hd.hdStopScheduler(); say(count[0] > 4, *found, *errors())
+    """)
+    served.await_force((0.0, 0.0, 0.5), 10.0)
+    assert process.communicate("\n", timeout=30)[0] == "True\n"
+
+
 def test_joint_angles_of_a_device_without_joints(served: ServedFile, program: Any) -> None:  # noqa: F811
     """Drivers of ROS read them in every frame: zeros, and one error, not a thousand a second."""
     said = read_lines(

@@ -113,7 +113,7 @@ def test_both_packages_on_an_array_of_coils(libraries: Path, tmp_path: Path) -> 
     assert np.isfinite(second[1]).all()
     assert [one["end"] for one in holds] == ["released", "released"]
     t, asked = np.asarray(run.recording["t"]), np.asarray(run.recording["wrench_commanded"])[:, :3]
-    # x towards the user, y right, z up; and x right, y up, z towards the user: the stator's y points away from the user.
+    # x towards the user, y right, z up; x right, y up, z towards the user. The stator's y points away from the user.
     for hold, wanted in zip(holds, ((0.3, -0.2, 0.4), (0.2, -0.4, 0.3)), strict=True):
         held = (t > hold["start_s"] + 0.2) & (t < hold["end_s"] - 0.1)
         assert np.median(asked[held], axis=0) == pytest.approx(wanted, abs=1e-6)
