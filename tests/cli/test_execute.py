@@ -261,6 +261,19 @@ def test_a_program_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None
     check_program(sys.executable)
 
 
+def test_a_wheel_without_libraries_says_how_to_build_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the pure wheel is installed: neither shipped libraries nor the clone's sources."""
+    for name in ("_SHIPPED", "_SOURCES"):
+        monkeypatch.setattr(f"haptorb.serve.native_libraries.{name}", tmp_path / "nowhere")
+    for words in (("libraries", str(tmp_path / "kit")), ("exec", "--headless", "--", "sh", "-c", "true")):
+        code, _, error = run_command(capsys, *words)
+        assert code != 0
+        assert "make -C native" in error
+        assert "Traceback" not in error
+
+
 def test_libraries_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As a kit: every name that programs look for leads to the one library."""
     folder = tmp_path / "kit"
