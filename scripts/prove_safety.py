@@ -175,6 +175,12 @@ RULES = [
         f"{END_TESTS}::test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks",
     ),
     (
+        "signal-sides",
+        "a signal that comes while others are read is not lost",
+        "drop",
+        f"{END_TESTS}::test_ctrl_c_beside_other_signals_is_not_lost",
+    ),
+    (
         "no-password-in-words",
         "an address with a password is refused",
         "never",

@@ -230,7 +230,8 @@ class Loop:
             if engage_stops(engage) == stops & 0xFFFF_FFFF:  # safety: engage-void
                 # After engaging, a world that fails again in the next tick is another trip.
                 self._tripped = not self._chain.engage() and self._tripped
-        if self._shared.signals[0] and find_end_signal(self._shared.signals):  # safety: signal-read
+        one, other = self._shared.signals
+        if (one[0] and find_end_signal(one)) or (other[0] and find_end_signal(other)):  # safety: signal-read
             self._chain.stop()
             self._quiet = self._ticks + int(_STOP_GRACE_S * self._rate)
         if words[Word.MODE] != self._mode:

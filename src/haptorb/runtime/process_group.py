@@ -62,10 +62,12 @@ class SignalStop:
         self._shared, self._stop = shared, stop
         self._descriptor = -1
         self._last = (0, -math.inf)  #: signal, time at which it was read [s]
+        self._side = 0  #: of `shared.signals`, where signals are written now
+        self._polling = threading.Lock()
         if threading.current_thread() is not threading.main_thread() or not is_linux():
             return
         descriptor = os.open(shared.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
-        os.lseek(descriptor, shared.signals_at, os.SEEK_SET)
+        os.lseek(descriptor, shared.signals_at[self._side], os.SEEK_SET)
         before = signal.set_wakeup_fd(descriptor, warn_on_full_buffer=False)  # safety: signal-stop
         if before == -1:
             self._descriptor = descriptor
@@ -78,14 +80,22 @@ class SignalStop:
 
     def poll(self) -> None:
         """Read and clear the received signals; call it several times a second, from any thread."""
-        if self._descriptor < 0 or not self._shared.signals[0]:
+        if self._descriptor < 0 or not any(side[0] for side in self._shared.signals):
             return
         seen = monotonic()  # before the number is read: too early rather than too late
-        if number := find_end_signal(self._shared.signals):
-            self._stop()  # first: the loop must always find the stop or the signal
-            self._last = number, seen
-        self._shared.signals[0] = 0
-        os.lseek(self._descriptor, self._shared.signals_at, os.SEEK_SET)
+        if not self._polling.acquire(blocking=False):
+            return  # another thread does it
+        try:
+            # What comes from here on is written to the other side: nothing is cleared that was not read.
+            received = self._shared.signals[self._side]
+            self._side = 1 - self._side
+            os.lseek(self._descriptor, self._shared.signals_at[self._side], os.SEEK_SET)  # safety: signal-sides
+            if number := find_end_signal(received):
+                self._stop()  # first: the loop must always find the stop or the signal
+                self._last = number, seen
+            received[:] = bytes(len(received))
+        finally:
+            self._polling.release()
 
     def repeat_lost(self, since: float) -> None:
         """Repeat a signal that came after `since` [s] and whose exception was lost; in the main thread."""

@@ -630,6 +630,7 @@ def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateA
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
 _VERSION = 11
 _PAGE = 4096
+_SIGNALS = 1024  #: signals that can be received until the host looks for them again, 20 ms at a time
 _HAS_FLAGS = hasattr(mmap, "MAP_SHARED")
 _END_NUMBERS = frozenset(map(int, END_SIGNALS))
 _TEXTS = 9
@@ -774,8 +775,9 @@ def engage_stops(word: int) -> int:
 
 
 def find_end_signal(signals: memoryview) -> int:
-    """Number of the first termination signal in `signals`, a word of eight bytes; 0: none."""
-    return next((number for number in signals.tobytes() if number in _END_NUMBERS), 0)
+    """Number of a termination signal in `signals`, one byte for each signal that came; 0: none."""
+    received = signals.tobytes()
+    return next((number for number in _END_NUMBERS if number in received), 0)
 
 
 @final
@@ -827,8 +829,9 @@ class SharedMemory:
         rows_end = _ROWS + 8 * CAPACITY * self.layout.width
         #: snapshots of the chain
         self.states = StateSlots(memory[rows_end:end], self.layout.channels, self.layout.sensors)
-        #: signal numbers of the host: see `SignalStop`
-        self.signals_at, self.signals = end, memory[end : end + 8].cast("q")
+        #: signal numbers of the host, written to one of the two by turns, and where they begin: see `SignalStop`
+        self.signals_at = end, end + _PAGE // 2
+        self.signals = tuple(memory[at : at + _SIGNALS] for at in self.signals_at)
         rows = np.frombuffer(memory[_ROWS:rows_end], dtype=np.float64).reshape(CAPACITY, self.layout.width)
         self.ring = RingBuffer(self.words, Word.ROWS, rows)
 

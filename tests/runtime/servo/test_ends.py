@@ -130,6 +130,56 @@ def test_a_signal_in_the_middle_of_code_that_lets_no_thread_run_is_a_stop():
         host.end()
 
 
+#: a program with a handler of its own, as a profiler has: what it prints is how often Stop was requested
+BESIDE_OTHER_SIGNALS = """
+import os, signal, sys
+from haptorb.devices.loader import load
+from haptorb.recording.row import RowLayout
+from haptorb.runtime import process_group
+from haptorb.runtime.shared_memory import SharedMemory, find_end_signal
+
+shared, stops = SharedMemory.create(RowLayout.of(load("omni"))), []
+signal.signal(signal.SIGALRM, lambda number, frame: None)
+signals = process_group.SignalStop(shared, lambda: stops.append(1))
+
+def come(number, times=1):
+    for _ in range(times):
+        try:
+            signal.raise_signal(number)
+        except KeyboardInterrupt:
+            pass
+
+def find_while_ctrl_c_comes(side):
+    found = find_end_signal(side)
+    come(signal.SIGINT)
+    return found
+
+if sys.argv[1] == "read":
+    come(signal.SIGALRM)
+    process_group.find_end_signal = find_while_ctrl_c_comes
+    signals.poll()
+    process_group.find_end_signal = find_end_signal
+else:
+    come(signal.SIGALRM, 50)
+    come(signal.SIGINT)
+print("seen by the loop:", any(map(find_end_signal, shared.signals)))
+signals.poll()
+print("stops:", len(stops), "left:", any(map(any, shared.signals)))
+signals.poll()
+print("stops:", len(stops))
+signals.close()
+shared.unlink()
+"""
+
+
+@pytest.mark.parametrize("when", ["read", "many"])
+def test_ctrl_c_beside_other_signals_is_not_lost(when):
+    """While one is read, and after fifty between two readings: a profiler sends a thousand a second."""
+    command = [sys.executable, "-c", BESIDE_OTHER_SIGNALS, when]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.splitlines() == ["seen by the loop: True", "stops: 1 left: False", "stops: 1"]
+
+
 def test_leaving_the_block_switches_off_first():
     host = Host(LEAVES)
     try:
