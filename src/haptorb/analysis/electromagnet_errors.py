@@ -13,6 +13,7 @@ from haptorb.analysis.error_budget import Component, ErrorModel, ErrorSource, ch
 from haptorb.analysis.error_sources import (
     ChainTrial,
     CurrentLoop,
+    Effect,
     SensorTrial,
     add_to,
     current_sources,
@@ -283,6 +284,29 @@ def _tilt_windings(trial: ToolTrial, lean: Array) -> None:
     trial.moments += np.cross(lean.reshape(3, 3), trial.moments.T).T
 
 
+def _change_layers(device: SphericalElectromagnet, *, moments: bool) -> tuple[int, Effect]:
+    """Number of layers of all windings, and the effect of so many turns more in each.
+
+    They move the middle of a winding's turns outwards or inwards, as a winding does whose both radii change; so does a
+    last layer that is not full, as the model fills the section evenly. `moments`: these follow the number of turns.
+    """
+    assert device.windings is not None
+    windings = device.windings
+    layers = windings.list_layers(device.coils.resistance, device.coils.copper_resistivity)
+    ends = np.cumsum([len(one) for one in layers])
+
+    def change(trial: ToolTrial, turns: Array) -> None:
+        for number, (nominal, more) in enumerate(zip(layers, np.split(turns, ends[:-1]), strict=True)):
+            depth = float(windings.outer_radius[number] - windings.inner_radius[number])
+            at = depth * (np.arange(len(nominal)) + 0.5) / len(nominal)
+            now = nominal + more
+            trial.built.sizes[:2, number] += now @ at / now.sum() - 0.5 * depth
+            if moments:
+                trial.moments[:, number] *= now.sum() / nominal.sum()
+
+    return int(ends[-1]), change
+
+
 def built_sources(
     device: SphericalElectromagnet, known: ElectromagnetTolerance, calibration: Calibration | None
 ) -> list[ErrorSource[ToolTrial]]:
@@ -313,7 +337,15 @@ def built_sources(
             )
         sizes = add_to("built.sizes")
         found.append(source("sizes of the windings", known.winding, "m", origin("winding"), 9, sizes, evenly=True))
-        if device.moments_from == "windings" and calibration is None:
+        computed = device.moments_from == "windings" and calibration is None
+        layers, change = _change_layers(device, moments=computed)
+        found.append(
+            source(
+                "turns of each layer of the windings", known.turns_per_layer, f"{known.turns_per_layer:g}",
+                origin("turns_per_layer"), layers, change, evenly=True,
+            )
+        )  # fmt: skip
+        if computed:
             turns, m = multiply("moments"), device.channels
             found += [
                 source("axes of the windings", known.tilt, "rad", origin("tilt"), 9, _tilt_windings, evenly=True),

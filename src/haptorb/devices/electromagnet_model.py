@@ -730,6 +730,17 @@ class Windings:
             heat=coils.heat if keep[2] else replace(coils.heat, winding_capacity=mean),
         )
 
+    def list_layers(self, resistance: Array, resistivity: float) -> tuple[Array, ...]:
+        """Turns of each layer of each coil, from inside; one layer where the wire does not fit between the flanges.
+
+        resistance (3,) [Ω] and `resistivity` [Ω·m] tell the wire where the file does not.
+        """
+        found = []
+        for coil, (_, thick) in zip(self.coils, self.wires(resistance, resistivity).tolist(), strict=True):
+            made = wind(coil.turns, coil.inner_radius, coil.length, thick)
+            found.append(np.array([coil.turns]) if made is None else made.count_turns(coil.turns))
+        return tuple(found)
+
     def wires(self, resistance: Array, resistivity: float) -> Array:
         """(3, 2) [m] each coil's wire, its copper and over its enamel; where the wire is not known, that with which the
         coil has `resistance` (3,) [Ω]."""

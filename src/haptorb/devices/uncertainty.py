@@ -140,6 +140,11 @@ class ElectromagnetTolerance(Section):
         m.Meaning("turns of each winding, relative, where the moments per ampere were not measured"),
         Field(default=0.006, validate_default=True),
     ]
+    turns_per_layer: Annotated[
+        q.Number,
+        m.Meaning("turns of each layer of a winding"),
+        Field(default=0.58, validate_default=True, ge=0, le=10),
+    ]
     core_position: Annotated[
         q.Length,
         m.Meaning("centre of the core, along each axis"),

@@ -67,9 +67,20 @@ class WireLayers:
         """[Ω] with wire whose copper is `copper` [m] thick."""
         return float(4 * resistivity * self.wire_length / (np.pi * copper**2))
 
+    def count_turns(self, turns: float) -> Array:
+        """(layers,) of `turns` in each layer, from inside; the last one has what is left."""
+        return _count_turns(turns, self.per_layer, self.layers)
+
     def heat_capacity(self, copper: float) -> float:
         """[J/K] of the copper only."""
         return float(np.pi / 4 * copper**2 * self.wire_length * COPPER_DENSITY * COPPER_SPECIFIC_HEAT)
+
+
+def _count_turns(turns: float, per_layer: int, layers: int) -> Array:
+    """(layers,) of `turns` in each of `layers`, all but the last full with `per_layer`."""
+    counts = np.full(layers, float(per_layer))
+    counts[-1] = turns - per_layer * (layers - 1)
+    return counts
 
 
 def wind(turns: float, inner_radius: float, length: float, overall: float) -> WireLayers | None:
@@ -85,7 +96,6 @@ def wind(turns: float, inner_radius: float, length: float, overall: float) -> Wi
     if per_layer < 1:
         return None
     layers = int(np.ceil(turns / per_layer))
-    counts = np.full(layers, float(per_layer))
-    counts[-1] = turns - per_layer * (layers - 1)
+    counts = _count_turns(turns, per_layer, layers)
     radii = inner_radius + overall * (np.arange(layers) + 0.5)
     return WireLayers(per_layer, layers, layers * overall, float(2 * np.pi * counts @ radii))

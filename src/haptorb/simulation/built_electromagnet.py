@@ -1,7 +1,8 @@
 """Electromagnet as built: parameters drawn from the tolerances of its file, field computed from filaments.
 
-Windings of other sizes, off their places and askew, a core off the centre, not quite round and of another permeability,
-a magnet of another remanence, the earth's field, and a steel object near, if there is one. Nothing of the controller's
+Windings of other sizes, off their places and askew, with a turn more or less in each layer, a core off the centre, not
+quite round and of another permeability, a magnet of another remanence, the earth's field, and a steel object near, if
+there is one. Nothing of the controller's
 model is used: a winding is current loops by elliptic integrals (Smythe, Static and Dynamic Electricity, §7.10), the
 core's answer is solid harmonics about its own centre, the magnet is charges on its faces.
 """
@@ -30,9 +31,18 @@ from haptorb.magnetics.soft_sphere import (
     harmonic_sums,
     weigh_charges,
 )
+from haptorb.magnetics.source import PlacedSource
 from haptorb.magnetics.special import loop_field
 
-__all__ = ["BuiltElectromagnet", "Steel", "TruthMap", "compute_fields", "draw_electromagnet", "fill_truth"]
+__all__ = [
+    "BuiltElectromagnet",
+    "Steel",
+    "TruthMap",
+    "compute_fields",
+    "draw_electromagnet",
+    "fill_truth",
+    "find_gauss_points",
+]
 
 _K = MU0 / (4 * np.pi)
 _LOOPS = (2, 4)  #: of a winding, across and along, at Gauss points, for the tool's magnet …
@@ -70,6 +80,7 @@ class BuiltElectromagnet:
     ring: ChargedRing  #: the tool's magnet
     earth: Array  #: (3,) [T] uniform
     steel: Steel | None = None
+    layers: tuple[Array, ...] = ()  #: turns of each layer of each coil, from inside, in proportion; (): even windings
 
     def compute_stretch(self) -> Array:
         """(3, 3) [A·m²/T] moment of the core in a uniform field minus that of a ball.
@@ -102,9 +113,9 @@ class BuiltElectromagnet:
         order = int(np.clip(np.ceil(np.log(_TRUNCATION) / np.log(ratio)), *_ORDERS))
         answers = np.zeros((count, (order + 1) * (order + 2) // 2, 2))
         if self.coils is not None:
-            for number, coil in enumerate(place_coils(self._about_core)):
-                answers[number] = answer_to_source(self.core, coil, order)
-                more = -_K / self.core.radius**2 * (stretch @ coil.field(np.zeros(3)))
+            for number, layer in self._place_layers(self.core_place):
+                answers[number] += answer_to_source(self.core, layer, order)
+                more = -_K / self.core.radius**2 * (stretch @ layer.field(np.zeros(3)))
                 answers[number, 1, 0] -= more[2]
                 answers[number, 2] += more[:2]
         earth_moment = self.core.moment_in(self.earth) + stretch @ self.earth
@@ -122,8 +133,23 @@ class BuiltElectromagnet:
         """(m, f, 3) loops of the coils in the format of `TruthMap`; point coils have none."""
         if self.coils is None:
             return np.zeros((3, 0, 3))
-        made = [self.coils.coil(number).filaments(across, along) for number in range(len(self.coils.turns))]
+        made = [self._list_loops(number, across, along) for number in range(len(self.coils.turns))]
         return np.stack([np.stack([radii, heights, MU0 * turns], axis=1) for radii, heights, turns in made])
+
+    def _list_loops(self, number: int, across: int, along: int) -> tuple[Array, Array, Array]:
+        """Radii [m], heights over the middle [m] and turns of loops of one coil.
+
+        Turns that differ from layer to layer are at the Gauss points of their own density over the radius.
+        """
+        assert self.coils is not None
+        coil = self.coils.coil(number)
+        if not self.layers:
+            return coil.filaments(across, along)
+        node, weight = find_gauss_points(self.layers[number], across)
+        height, share = np.polynomial.legendre.leggauss(along)
+        radii = coil.inner_radius + node * (coil.outer_radius - coil.inner_radius)
+        turns = 0.5 * coil.turns * np.outer(weight, share).ravel()
+        return np.repeat(radii, along), np.tile(0.5 * coil.length * height, across), turns
 
     def compute_fields(self, truth: TruthMap, points: Array) -> Array:
         """(n, 3, m) [T/A] of coils, core and steel at `points` (n, 3) [m], which may be close to a winding."""
@@ -134,11 +160,28 @@ class BuiltElectromagnet:
         assert self.coils is not None
         return replace(self.coils, position=self.coils.position - self.core_place)
 
+    def _place_layers(self, origin: Array) -> list[tuple[int, PlacedSource]]:
+        """Every layer of every coil as a winding of its own, seen from `origin` (3,) [m], and the coil it is of."""
+        assert self.coils is not None
+        coils, layers = self.coils, self.layers or tuple(np.ones(1) for _ in self.coils.turns)
+        owner = np.repeat(np.arange(len(layers)), [len(one) for one in layers])
+        shares = np.concatenate([one / one.sum() for one in layers])
+        edges = [np.linspace(0.0, 1.0, len(one) + 1) for one in layers]
+        begin, end = (np.concatenate([one[part] for one in edges]) for part in (slice(None, -1), slice(1, None)))
+        inner, depth = coils.inner_radius[owner], (coils.outer_radius - coils.inner_radius)[owner]
+        each = PlacedCoils(
+            coils.position[owner] - origin, coils.axis[owner], coils.turns[owner] * shares, inner + begin * depth,
+            inner + end * depth, coils.length[owner],
+        )  # fmt: skip
+        return list(zip(owner.tolist(), place_coils(each), strict=True))
+
     def compute_moments(self) -> Array:
         """(3, m) [m²] far-field moment per ampere of each coil with the core."""
         if self.coils is None:
             return self.moments
-        own = np.stack([coil.moment for coil in place_coils(self.coils)], axis=1)
+        own = np.zeros((3, len(self.coils.turns)))
+        for number, layer in self._place_layers(np.zeros(3)):
+            own[:, number] += layer.moment
         return own + self.compute_core_moments()
 
     def compute_core_moments(self) -> Array:
@@ -146,8 +189,11 @@ class BuiltElectromagnet:
         it."""
         if self.coils is None:
             return np.zeros_like(self.moments)
-        stretch, fields = self.compute_stretch(), [coil.field(np.zeros(3)) for coil in place_coils(self._about_core)]
-        return np.stack([self.core.moment_in(b) + stretch @ b for b in fields], axis=1)
+        stretch, moments = self.compute_stretch(), np.zeros((3, len(self.coils.turns)))
+        for number, layer in self._place_layers(self.core_place):
+            field = layer.field(np.zeros(3))
+            moments[:, number] += self.core.moment_in(field) + stretch @ field
+        return moments
 
 
 class TruthMap(NamedTuple):
@@ -292,6 +338,30 @@ def compute_fields(t: TruthMap, points: Array) -> Array:
     return out
 
 
+def find_gauss_points(layers: Array, count: int) -> tuple[Array, Array]:
+    """(count,) places from 0 to 1 and weights, of sum 1, for integrals over layers of equal depth with turns `layers`.
+
+    Exact for polynomials of degree 2 count − 1 (Golub and Welsch, Math. Comp. 23, 1969); Legendre's for layers that are
+    alike.
+
+    >>> at, weight = find_gauss_points(np.array([20.0, 22.0]), 2)
+    >>> bool(abs(weight @ at - (20 * 0.25 + 22 * 0.75) / 42) < 1e-12)
+    True
+    """
+    node, share = np.polynomial.legendre.leggauss(count + 1)
+    x = ((np.arange(len(layers))[:, None] + 0.5 + 0.5 * node) / len(layers)).ravel()
+    w = np.outer(layers / layers.sum(), 0.5 * share).ravel()
+    diagonal, beside = np.zeros(count), np.zeros(count)
+    before, now, norm = np.zeros_like(x), np.ones_like(x), 1.0
+    for k in range(count):  # Stieltjes' recurrence of the orthogonal polynomials
+        size = float(w @ now**2)
+        diagonal[k], beside[k] = float(w @ (x * now**2)) / size, size / norm if k else 0.0
+        before, now, norm = now, (x - diagonal[k]) * now - beside[k] * before, size
+    jacobi = np.diag(diagonal) + np.diag(np.sqrt(beside[1:]), 1) + np.diag(np.sqrt(beside[1:]), -1)
+    places, vectors = np.linalg.eigh(jacobi)
+    return places, vectors[0] ** 2
+
+
 # --------------------------------------------------------------------------------------------------
 # Drawing a specimen.
 
@@ -302,12 +372,14 @@ def draw_electromagnet(
     """Draw specimen number `specimen` of the electromagnets within the tolerances of `device`; reproducible.
 
     Every value lies within √3 times its standard deviation of [tolerance] or [uncertainty], all alike likely; moments
-    per ampere that were measured are known as well as [uncertainty] says, whatever the windings are. Without tolerances
-    (`device.tolerance` is None) it is the file's. GeometryError for windings that always meet the core.
+    per ampere that were measured are known as well as [uncertainty] says, whatever the windings are: a turn more in one
+    layer is then less in the others. Without tolerances (`device.tolerance` is None) it is the file's.
+    GeometryError for windings that always meet the core.
     """
     tool, known, tolerance = device.tool, device.uncertainty, device.tolerance
     size = (tool.outer_radius, tool.inner_radius, tool.length)
     core, coils, moments = device.core, None, device.moment_per_current
+    layers: tuple[Array, ...] = ()
     draw = np.random.Generator(np.random.PCG64([crc32(device.digest.encode()), specimen, 0x7]))
 
     def spread(standard: float, *shape: int) -> Array:
@@ -354,14 +426,17 @@ def draw_electromagnet(
                 f"device '{device.name}': its windings do not clear the core within [tolerance]; make winding, "
                 "position and core_position smaller, or windings.inner_radius greater"
             )
+        more = np.zeros(3) if measured else spread(tolerance.turns, 3)
+        nominal_layers = device.windings.list_layers(device.coils.resistance, device.coils.copper_resistivity)
+        layers = tuple(np.maximum(one + spread(tolerance.turns_per_layer, len(one)), 0.0) for one in nominal_layers)
+        counted = np.array([one.sum() for one in layers]) / nominal.turns
+        coils = replace(coils, turns=nominal.turns * (counted + more))
         if measured:
-            coils = _scale_to_moments(device, coils, core, moments, place)
-        else:
-            coils = replace(coils, turns=nominal.turns * (1.0 + spread(tolerance.turns, 3)))
+            coils = _scale_to_moments(device, coils, core, moments, place, layers)
     return BuiltElectromagnet(
         coils, device.far_moments * (np.linalg.norm(moments, axis=0) / columns), core, place, axes,
         stretch - stretch.mean(), ChargedRing(*size, remanence, **_FACE),
-        tolerance.earth_field * earth / np.linalg.norm(earth), steel,
+        tolerance.earth_field * earth / np.linalg.norm(earth), steel, layers,
     )  # fmt: skip
 
 
@@ -377,15 +452,16 @@ def _place_nominal(device: SphericalElectromagnet, moments: Array) -> PlacedCoil
 
 
 def _scale_to_moments(
-    device: SphericalElectromagnet, coils: PlacedCoils, core: SoftSphere, moments: Array, place: Array | None = None
-) -> PlacedCoils:
+    device: SphericalElectromagnet, coils: PlacedCoils, core: SoftSphere, moments: Array, place: Array | None = None,
+    layers: tuple[Array, ...] = (),
+) -> PlacedCoils:  # fmt: skip
     """`coils` with the number of turns for which the fields on their axes match `moments` (3, 3) [m²].
 
     Measured at the device's `moments_at` from its centre; far away, the moments themselves.
     """
     c, away, tool = np.zeros(3) if place is None else place, device.moments_at, device.tool
     ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, **_FACE)
-    made = BuiltElectromagnet(coils, moments, core, c, np.eye(3), np.zeros(3), ring, np.zeros(3))
+    made = BuiltElectromagnet(coils, moments, core, c, np.eye(3), np.zeros(3), ring, np.zeros(3), layers=layers)
     if np.isinf(away):
         found = (made.compute_moments() * coils.axis.T).sum(axis=0)
     else:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
 
 from haptorb.analysis.electromagnet_errors import SIZES, tool_errors
 from haptorb.analysis.error_sources import ChainTrial, CurrentLoop
@@ -43,6 +44,13 @@ def perturb(model, **deviates):
         source = next(one for one in model.sources if one.name.startswith(name.replace("_", " ")))
         source.perturb(np.broadcast_to(np.asarray(value, dtype=float), (source.dimension,)).copy(), trial)
     return trial
+
+
+def perturb_layers(model, trial, deviates) -> None:
+    """Turns of each layer: (12,) deviates, or one for all."""
+    source = next(one for one in model.sources if one.name.startswith("turns of each layer"))
+    assert source.dimension == 12
+    source.perturb(np.broadcast_to(deviates, (12,)).copy(), trial)
 
 
 def force_of(true, point, *, believed=None, p=None, R=None):
@@ -83,7 +91,7 @@ BUILT = {
     "core_position": "position of the core in", "core_permeability": "permeability", "earth_field": "earth",
 }  # fmt: skip
 EXACT = ElectromagnetTolerance(
-    winding="0 mm", position="0 mm", tilt="0 deg", turns=0.0, core_position="0 mm", core_shape=0.0,
+    winding="0 mm", position="0 mm", tilt="0 deg", turns=0.0, turns_per_layer=0.0, core_position="0 mm", core_shape=0.0,
     core_permeability=(1e9, 2e9), earth_field="0 T",
 )  # fmt: skip
 
@@ -107,6 +115,7 @@ def test_windings_and_core_that_are_not_as_the_file_says_act_as_filaments_around
             coils.position, built.core_place, built.earth,
         )  # fmt: skip
         trial.built.sizes[:] = [getattr(coils, one) - getattr(file, one) for one in SIZES]
+        perturb_layers(tool, trial, 0.0)  # the last layer of coil y is a turn short of full
         trial.built.softness = 1 / built.core.permeability - 1 / OMNI.core_permeability
         wrong.append(np.linalg.norm(tool.wrench_error(point, trial) - true))
         sizes.append(np.linalg.norm(true))
@@ -129,6 +138,36 @@ def test_they_are_as_far_off_as_the_file_says(tool, key: str) -> None:
     standard = getattr(OMNI.tolerance, key)
     assert np.std(drawn) == pytest.approx(standard, rel=0.1)
     assert np.abs(drawn).max() <= np.sqrt(3) * standard
+
+
+@pytest.mark.parametrize("computed", [False, True])
+def test_layers_with_more_turns_or_fewer_act_as_filaments_of_so_many(tool, computed: bool) -> None:
+    """Devices that differ in this alone, drawn and computed by the simulation."""
+    device = OMNI
+    if computed:
+        moments = OMNI.windings.moment_per_current(OMNI.core)
+        device = replace(OMNI, moments_from="windings", moments_at=np.inf, moment_per_current=moments)
+    model = tool_errors(device, 0.07) if computed else tool
+    known = OMNI.uncertainty.model_copy(update={"remanence": 0.0, "moments": 0.0, "core_radius": 0.0})
+    as_file = draw_electromagnet(replace(device, tolerance=None))
+    family = replace(device, tolerance=EXACT.model_copy(update={"turns_per_layer": 0.58}), uncertainty=known)
+    full = [[23.0] * 4, [23.0] * 3 + [22.0], [21.0] * 4]
+    rng, wrong, sizes, out, passive = np.random.default_rng(22), [], [], np.empty((2, 6, 3)), np.empty(6)
+    for specimen in range(8):
+        point, built = model.draw_point(specimen % 3, rng), draw_electromagnet(family, specimen)
+        state = State.at(point.p, R_SR=point.R)
+        wanted = force_allocator(device).allocate(device.wrench_map(state, "exact"), point.wrench).currents
+        for matrix, one in zip(out, (as_file, built), strict=True):
+            fill_truth(one.compute_map(OMNI.dome_radius), point.R.copy(), point.p, matrix, passive, np.empty((6, 3)))
+        true = point.R.T @ (out[1, :3] - out[0, :3]) @ wanted
+        more = np.concatenate([np.subtract(a, b) for a, b in zip(built.layers, full, strict=True)])
+        trial = model.make_trial()
+        perturb_layers(model, trial, ndtri(0.5 + 0.5 * more / (np.sqrt(3.0) * OMNI.tolerance.turns_per_layer)))
+        found = model.wrench_error(point, trial) - model.wrench_error(point, model.make_trial())
+        wrong.append(np.linalg.norm(found - true))
+        sizes.append(np.linalg.norm(true))
+    assert np.linalg.norm(sizes) > (1e-3 if computed else 5e-5)
+    assert np.linalg.norm(wrong) < 0.15 * np.linalg.norm(sizes)
 
 
 def test_moments_that_were_computed_are_as_uncertain_as_windings_are_built() -> None:

@@ -25,6 +25,7 @@ from haptorb.simulation.built_electromagnet import (
     fill_truth,
 )
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb_papers.reproduce.zarate2020.second_coils import list_loops, loop_field
 from oracles import built_electromagnet as oracle
 from oracles import wound_coils
 from oracles.repetitions import repetitions
@@ -33,6 +34,9 @@ OMNI = load("omni")
 assert isinstance(OMNI, SphericalElectromagnet)
 ROUND = ElectromagnetTolerance(core_shape=0.0)
 SQUASHED = ElectromagnetTolerance(core_shape=0.02)
+EXACT_BUT_TURNS = ElectromagnetTolerance(
+    winding="0 mm", position="0 mm", tilt="0 deg", core_position="0 mm", core_shape=0.0, earth_field="0 T"
+)
 
 
 def act(built: BuiltElectromagnet, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,6 +150,46 @@ def test_every_value_lies_in_its_tolerance_and_no_winding_in_the_core():
     # all alike likely: the standard deviation is the file's
     spread = np.std([one.core_place for one in drawn])
     assert spread == pytest.approx(known.core_position, rel=0.15)
+
+
+def test_each_layer_has_up_to_a_turn_more_or_less():
+    known, most = OMNI.tolerance.turns_per_layer, np.sqrt(3.0) * OMNI.tolerance.turns_per_layer
+    full = [[23.0] * 4, [23.0] * 3 + [22.0], [21.0] * 4]  # as `haptorb inspect omni` says
+    drawn = [draw_electromagnet(OMNI, n) for n in range(repetitions(40, 400))]
+    more = np.array([[np.subtract(a, b) for a, b in zip(one.layers, full, strict=True)] for one in drawn])
+    assert most == pytest.approx(1.0, abs=0.01)
+    assert np.abs(more).max() <= most
+    assert np.std(more) == pytest.approx(known, rel=0.15)
+    # where the moments are computed from the windings, the coil has these turns
+    computed = draw_electromagnet(
+        replace(OMNI, moments_from="windings", moments_at=np.inf, tolerance=ElectromagnetTolerance(turns=0.0)), 3
+    )
+    assert computed.coils.turns == pytest.approx([one.sum() for one in computed.layers])
+    assert np.abs(computed.coils.turns - OMNI.windings.turns).max() > 0.1
+
+
+def test_a_layer_with_more_turns_is_a_layer_with_a_greater_field():
+    """Against a winding each of whose layers is loops of its own, at the tool, at a sensor near it, and far away."""
+    built = draw_electromagnet(replace(OMNI, tolerance=EXACT_BUT_TURNS), 3)
+    counts = [np.array([26.0, 23.0, 23.0, 20.0]), built.layers[1], built.layers[2]]
+    built = replace(built, layers=tuple(counts), core=SoftSphere(built.core.radius, 1.0 + 1e-9))
+    at = np.array([[0.0, 0.0, 0.055], [0.04, 0.02, 0.01], [0.0, 0.0, 0.5]])
+    found = built.compute_fields(built.compute_map(OMNI.dome_radius), at)[:, :, 0]
+    coil, total = built.coils, float(built.coils.turns[0])
+    edges = np.linspace(coil.inner_radius[0], coil.outer_radius[0], 5)
+    frame = rotation_to_axis(coil.axis[0])
+    true = np.zeros_like(at)
+    node, share = (2 * np.arange(25) + 1) / 25 - 1, np.full(25, 0.04)
+    for n in range(4):
+        turns = total * counts[0][n] / counts[0].sum()
+        loops = list_loops(float(edges[n]), float(edges[n + 1]), float(coil.length[0]), turns, node, share)
+        true += loop_field(*loops, (at - coil.position[0]) @ frame) @ frame.T
+    error = np.linalg.norm(found - true, axis=1) / np.linalg.norm(true, axis=1)
+    assert error.max() < 2e-4
+    # the layers matter: turns from the outermost to the innermost change it by more
+    even = replace(built, layers=())
+    fields = even.compute_fields(even.compute_map(OMNI.dome_radius), at)[:, :, 0]
+    assert (np.linalg.norm(fields - true, axis=1) > 10 * error * np.linalg.norm(true, axis=1)).all()
 
 
 def test_a_number_is_one_electromagnet_and_the_seed_is_its_number():
