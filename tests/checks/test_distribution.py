@@ -12,12 +12,17 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 
 from haptorb.version import __version__
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+#: of Python, as stated in the classifiers
+VERSIONS = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r":: Python :: 3\.\d+$", one)]
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +91,70 @@ def test_the_installed_command_runs_a_device(installed: Path, tmp_path: Path) ->
     report = json.loads(_run(installed, tmp_path, "run", "omni", "--headless", "--duration", "0.5", "--json"))
     assert report["ticks"] > 300
     assert report["error"] == ""
+
+
+def _find_python(version: str) -> str | None:
+    """Return a program that is this version of Python; pyenv's `python3.13` may be one that says there is none."""
+    inside = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
+    for program in (shutil.which(f"python{version}"), *map(str, sorted(inside.glob(f"{version}.*/bin/python")))):
+        ask = [program or "false", "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
+        if subprocess.run(ask, capture_output=True, text=True, check=False).stdout.strip() == version:
+            return program
+    return None
+
+
+def test_the_stated_versions_of_python_begin_with_the_oldest_that_installs() -> None:
+    assert PROJECT["requires-python"] == f">={VERSIONS[0]}"
+    assert f"{sys.version_info.major}.{sys.version_info.minor}" in VERSIONS
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1500)
+@pytest.mark.parametrize("version", VERSIONS)
+def test_every_stated_version_of_python_runs_what_the_wheel_installs(
+    version: str, archives: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """In an environment of its own, with the packages that pip chooses for that version."""
+    program = _find_python(version)
+    if program is None:
+        pytest.skip(f"Python {version} is not installed here")
+    subprocess.run([program, "-m", "venv", tmp_path / "venv"], check=True)
+    programs = tmp_path / "venv" / "bin"
+    pip = [programs / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "1"]
+    if subprocess.run([*pip, "cloudpickle"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("no package index can be reached")
+    wanted = f"haptorb[study,design,scenes] @ {archives[0].as_uri()}"
+    done = subprocess.run([*pip, wanted], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "NUMBA_"))}
+    environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")  # that version compiles the kernels
+
+    def run(words: str, *, by: Path = programs / "haptorb") -> str:
+        done = subprocess.run(
+            [by, *words.split()], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert "Traceback" not in done.stderr
+        return done.stdout
+
+    assert run("-V", by=programs / "python").startswith(f"Python {version}.")
+    report = json.loads(run("run omni --headless --duration 0.5 --json"))
+    assert report["ticks"] > 300
+    assert report["error"] == ""
+    run("run pmsm --scene peg --headless --duration 0.5 --record peg.mcap")
+    assert json.loads(run("info peg.mcap --json"))["rows"] > 300
+    here = subprocess.run(
+        [sys.executable, "-P", "-m", "haptorb", "inspect", "omni", "--json"], capture_output=True, text=True, check=True
+    )
+    assert _round_numbers(run("inspect omni --json")) == _round_numbers(here.stdout)
+    run("study new study.toml --like staircase")
+    run("study simulate study.toml --db s.db --participants 1")
+    assert len(json.loads(run("study participants s.db --json"))) >= 1
+
+
+def _round_numbers(text: str) -> object:
+    """Return what the JSON `text` holds, with four digits: other versions of NumPy differ in the last ones."""
+    return json.loads(text, parse_float=lambda number: f"{float(number):.4g}")
 
 
 def test_the_wheel_has_every_file_of_the_packages_and_the_built_pages(root: Path, archives: tuple[Path, Path]) -> None:

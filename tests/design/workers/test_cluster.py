@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,12 @@ import pytest
 
 from haptorb import cluster as dask_cluster
 from haptorb import cluster as versions
-from haptorb.errors import InputError
-from haptorb_design.design_file import parse_design
+from haptorb.errors import HaptorbError, InputError
+from haptorb_design.design_file import load_design, parse_design
 from haptorb_design.evaluate import evaluate
 from haptorb_design.problem import Design, Evaluation
 from haptorb_design.search import Optimiser, optimise
+from haptorb_design.store import read_results
 from haptorb_design.workers import Job, LocalWorker, open_cluster_workers
 from oracles.designs.small_design import BARE
 
@@ -146,6 +148,64 @@ REASONS = {
     54: "MemoryError",
     55: "KeyError: 'no row'",
 }
+
+
+def wait_until(holds: Callable[[], bool], what: str) -> None:
+    for _ in range(1200):  # of a busy machine; it is seconds
+        if holds():
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"never: {what}")
+
+
+def list_session(leader: int) -> list[int]:
+    """Processes of the session that `leader` began, but those that only wait to be collected."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            state, _, _, session, *_ = (folder / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has just ended
+        if int(session) == leader and state != "Z":
+            found.append(int(folder.name))
+    return found
+
+
+def test_ctrl_c_of_a_search_on_a_cluster_leaves_nothing_behind_and_the_search_goes_on(
+    tmp_path: Path, cluster: Any
+) -> None:
+    (tmp_path / "cost.py").write_text(CODE)
+    (tmp_path / "bare.toml").write_text(BARE)
+    (tmp_path / "toy.toml").write_text(TOY)
+    results, workers = str(tmp_path / "r.sqlite"), set(cluster.scheduler.workers)
+    command = [sys.executable, "-m", "haptorb", "design", "optimise", "toy.toml", "--into", "r.sqlite"]
+    command += ["--evaluations", str(COUNT), "--population", str(POPULATION), "--scheduler", cluster.scheduler_address]
+
+    def count_stored() -> int:
+        try:
+            return len(read_results(results).evaluations)
+        except HaptorbError:
+            return 0  # it is not there yet
+
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as first:
+        wait_until(lambda: count_stored() >= 5, "five designs")
+        os.killpg(first.pid, signal.SIGINT)  # as a terminal does
+        _, said = first.communicate(timeout=60)
+    assert first.returncode == 130
+    assert "Traceback" not in said
+    kept = count_stored()
+    assert f"{kept} of {COUNT} designs are in r.sqlite" in said
+    wait_until(lambda: not list_session(first.pid), "no process left")
+    wait_until(lambda: not cluster.scheduler.tasks, "no job left on the cluster")
+    assert set(cluster.scheduler.workers) == workers
+    assert 5 <= kept < COUNT
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=200)
+    assert done.returncode == 0, done.stderr
+    toy = load_design(tmp_path / "toy.toml")
+    whole = optimise(Optimiser(toy, seed=1, population=POPULATION), LocalWorker(toy).evaluate, {}, COUNT)
+    assert values_of(list(read_results(results).evaluations)) == values_of(list(whole))
 
 
 @pytest.mark.slow
