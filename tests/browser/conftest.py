@@ -322,7 +322,7 @@ class SharedPage:
     def restore(self) -> None:
         """A servo that runs, and a page that nobody has touched."""
         servo, page = self.servo, self.screen.page
-        # What the last test's keys sent has arrived once a command that was sent after it has: a late STOP would be ours.
+        # What the last test's keys sent has come once a command that was sent after it has: a late STOP would be ours.
         cooled = servo.count("cool")
         self.screen.until("haptorb.control")
         page.evaluate("document.getElementById('cool').click()")
@@ -369,3 +369,13 @@ def shared(
     finally:
         if not whole:
             shared_pages.pop().close()
+
+
+@pytest.fixture(scope="session")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("certificate") / "both.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1",
+               "-keyout", str(made), "-out", str(made.with_name("public.pem"))]  # fmt: skip
+    subprocess.run(command, check=True, capture_output=True)
+    made.write_text(made.read_text() + made.with_name("public.pem").read_text())
+    return made

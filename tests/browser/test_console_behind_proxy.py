@@ -6,103 +6,22 @@ import os
 import re
 import shutil
 import socket
-import ssl
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from browser.proxy import PREFIX, Proxy
 from haptorb.web.console import Console
 from haptorb.web.server import PageAddress
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 NGINX_PROGRAM = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
-PREFIX = "/user/ann/proxy/8765"
-
-
-class Proxy:
-    """Passes what comes for `prefix` on to a port, without the prefix; one request for each connection, or a socket."""
-
-    def __init__(self, prefix: str, certificate: Path | None = None) -> None:
-        self._prefix, self.target = prefix.encode(), 0
-        self._listening = socket.create_server(("127.0.0.1", 0))
-        self.port = int(self._listening.getsockname()[1])
-        self._context = None
-        if certificate is not None:
-            self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-            self._context.load_cert_chain(certificate)
-        self._running = threading.Event()
-        self._running.set()
-        self._open: list[socket.socket] = []
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def pause(self) -> None:
-        """End every connection, and answer no new one."""
-        self._running.clear()
-        for one in self._open:
-            with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-
-    def go_on(self) -> None:
-        """Answer again, also those that have waited."""
-        self._running.set()
-
-    def _accept(self) -> None:
-        with suppress(OSError):
-            while True:
-                connection, _ = self._listening.accept()
-                self._open.append(connection)
-                self._running.wait()
-                threading.Thread(target=self._serve, args=(connection,), daemon=True).start()
-
-    def _serve(self, plain: socket.socket) -> None:
-        with (
-            suppress(OSError),
-            plain,
-            self._context.wrap_socket(plain, server_side=True) if self._context else plain as front,
-        ):
-            head = b""
-            while b"\r\n\r\n" not in head:
-                if not (more := front.recv(65536)):
-                    return
-                head += more
-            first, _, rest = head.partition(b"\r\n")
-            word, path, version = first.split(b" ")
-            assert path.startswith(self._prefix + b"/"), path
-            if b"upgrade: websocket" not in rest.lower():
-                rest = b"Connection: close\r\n" + rest.replace(b"Connection: keep-alive\r\n", b"")
-            with socket.create_connection(("127.0.0.1", self.target)) as back:
-                back.sendall(b" ".join([word, path[len(self._prefix) :], version]) + b"\r\n" + rest)
-                up = threading.Thread(target=self._copy, args=(front, back), daemon=True)
-                up.start()
-                self._copy(back, front)
-                with suppress(OSError):
-                    front.shutdown(socket.SHUT_RDWR)
-
-    @staticmethod
-    def _copy(source: socket.socket, sink: socket.socket) -> None:
-        with suppress(OSError):
-            while data := source.recv(65536):
-                sink.sendall(data)
-
-    def close(self) -> None:
-        self._listening.close()
-
-
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("certificate") / "both.pem"
-    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1",
-               "-keyout", str(made), "-out", str(made.with_name("public.pem"))]  # fmt: skip
-    subprocess.run(command, check=True, capture_output=True)
-    made.write_text(made.read_text() + made.with_name("public.pem").read_text())
-    return made
 
 
 @pytest.fixture

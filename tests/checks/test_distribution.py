@@ -142,14 +142,14 @@ def test_every_stated_version_of_python_runs_what_the_wheel_installs(
     assert report["ticks"] > 300
     assert report["error"] == ""
     run("run pmsm --scene peg --headless --duration 0.5 --record peg.mcap")
-    assert json.loads(run("info peg.mcap --json"))["rows"] > 300
+    assert json.loads(run("info peg.mcap --json"))["ticks"] > 300
     here = subprocess.run(
         [sys.executable, "-P", "-m", "haptorb", "inspect", "omni", "--json"], capture_output=True, text=True, check=True
     )
     assert _round_numbers(run("inspect omni --json")) == _round_numbers(here.stdout)
     run("study new study.toml --like staircase")
     run("study simulate study.toml --db s.db --participants 1")
-    assert len(json.loads(run("study participants s.db --json"))) >= 1
+    assert len(json.loads(run("study participants s.db --json"))["participants"]) == 1
 
 
 def _round_numbers(text: str) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import time
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 
 from haptorb.devices.loader import load
+from haptorb.errors import RecordingError
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.report import count_recorded
 from haptorb.runtime.shared_memory import CAPACITY, SharedMemory, Word
@@ -46,6 +48,22 @@ def test_it_is_reported_until_it_continues(
     report = servo.report()
     assert report["recorded"] == {"rows": len(servo.recording), "lost": 0}
     assert len(servo.recording) == report["ticks"] + 1  # and the closing row
+
+
+def test_a_file_that_may_not_become_larger_is_named_as_the_cause(fake_servo: Any) -> None:
+    """`ulimit -f` in the shell that starts a run: more than shared memory needs, less than the recording."""
+    with fake_servo().servo as servo:
+        recorder = servo._children.recorder_pid
+        resource.prlimit(recorder, resource.RLIMIT_FSIZE, (100 * 1024, 100 * 1024))
+        _until(servo, lambda: servo.recording_trouble != "")
+        assert "no file may be larger than 100 KiB in this shell (ulimit -f)" in servo.recording_trouble
+        with pytest.raises(RecordingError, match=r"the recording ended: File too large; .* \(ulimit -f\)"):
+            servo.check()
+        before = servo.report()["ticks"]
+        _until(servo, lambda: servo.report()["ticks"] > before)  # the loop goes on
+    report = servo.report()
+    assert 0 < report["recorded"]["rows"] == len(servo.recording) < report["ticks"]
+    assert report["recorded"]["lost"] == servo.rows(0)[0] - len(servo.recording)
 
 
 def test_rows_that_a_killed_recorder_never_wrote_are_lost(fake_servo: Any) -> None:

@@ -352,7 +352,7 @@ def _write_parquet(export: Export, path: Path, report: Progress) -> None:
         import pyarrow
         from pyarrow import parquet
     except ImportError as cause:
-        raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[study]', or export as CSV") from cause
+        raise RecordingError("Parquet needs pyarrow: pip install 'haptorb[parquet]', or export as CSV") from cause
     columns = [
         pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit, "description": field.about})
         for field in export.fields

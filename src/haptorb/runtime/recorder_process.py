@@ -47,7 +47,7 @@ def main(spec: Mapping[str, Any]) -> int:
     except Exception as cause:
         reason = str(cause)
         if isinstance(cause, OSError) and cause.errno == errno.EFBIG:
-            reason = f"{reason}; {describe_size_limit()}"
+            reason = f"{cause.strerror}; {describe_size_limit()}"
         shared.recorder_reason.write(reason[:4000])
         shared.words[Word.RECORDER] = Phase.FAILED
         return 1

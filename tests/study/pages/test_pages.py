@@ -20,6 +20,7 @@ from websockets.sync.client import connect
 
 from haptorb.control.trips import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
+from haptorb.web.server import PageAddress
 from haptorb_study.columns import read_replies, tidy
 from haptorb_study.database import database
 from haptorb_study.pages.session_manager import SessionManager, try_step
@@ -106,7 +107,7 @@ class Page:
 class StudyHost:
     """A served study on an imagined servo."""
 
-    def __init__(self, study: Study, place: Path) -> None:
+    def __init__(self, study: Study, place: Path, where: PageAddress = PageAddress()) -> None:
         self.place, self.study, self.servos = place, study, []
         self.engine = database(place)
 
@@ -115,7 +116,7 @@ class StudyHost:
             return self.servos[-1]
 
         self.manager = SessionManager(self.engine, study, start, lambda session: Path(f"session-{session.id}.mcap"))
-        self.host = StudyServer(self.manager, 0, more={"database": "here"})
+        self.host = StudyServer(self.manager, 0, more={"database": "here"}, where=where)
         self.failures: list[ServoError] = []  # with which the server ended by itself
         self._serving = threading.Thread(target=self._serve)
         self._serving.start()
