@@ -94,6 +94,23 @@ def test_a_folder_that_others_could_have_filled_is_not_used(tmp_path: Path, faul
     assert explain_shared(kernels) == ""
 
 
+@pytest.mark.parametrize("fault", ["home is a file", "cache is a file", "no temporary folder", "home is empty"])
+def test_without_a_folder_that_can_be_made_a_private_one_is_used_and_one_line_says_so(
+    tmp_path: Path, fault: str
+) -> None:
+    (tmp_path / "file").touch()
+    more = {"HOME": "" if "empty" in fault else str(tmp_path / "file")}
+    more["XDG_CACHE_HOME"] = str(tmp_path / "file") if "cache" in fault else ""
+    if "temporary" in fault:
+        more["TMPDIR"] = str(tmp_path / "none")
+    kernels, cache, said = folders_of(tmp_path / "home", **more)
+    assert len(said.splitlines()) == 1
+    assert cache.name == f"haptorb-{os.getuid()}"
+    assert (cache.parent == tmp_path) == ("temporary" not in fault)
+    assert cache.stat().st_mode & 0o777 == 0o700
+    assert kernels.is_relative_to(cache)
+
+
 def test_in_a_sticky_folder_only_the_owners_counts(tmp_path: Path) -> None:
     tmp_path.chmod(0o1777)
     (tmp_path / "mine").mkdir(mode=0o700)

@@ -34,7 +34,8 @@ def cache_folder() -> Path:
 def find_home(*parts: str) -> str:
     """Return `parts` below this account's home; empty if it has none, as is possible for an account without a name."""
     home = os.path.expanduser("~")
-    return "" if home.startswith("~") else os.path.join(home, *parts)
+    none = home.startswith("~") or os.environ.get("HOME") == ""  # an empty one would mean the root folder
+    return "" if none else os.path.join(home, *parts)
 
 
 def private_folder(*parts: str) -> Path:

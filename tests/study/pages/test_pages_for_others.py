@@ -55,7 +55,7 @@ def test_from_another_address_only_with_the_token(page: str, serve: Callable[[st
     token, other = (getattr(host.host, name).partition("#")[2] for name in (page, PAGES[page == PAGES[0]]))
     assert len({token, other, ""}) == 3
     for wrong in ("x" * len(token), "none", *([other] if page == "experimenter" else [])):
-        assert hear(f"ws://{url}/ws/{page}", wrong)== CLOSED
+        assert hear(f"ws://{url}/ws/{page}", wrong) == CLOSED
     assert hear(f"ws://{url}/ws/{page}", token) == "about"
     with pytest.raises(InvalidStatus) as refused:
         connect(f"ws://{url}/ws/{page}", origin="http://evil.example", proxy=None).close()  # type: ignore[arg-type]
