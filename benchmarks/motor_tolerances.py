@@ -3,7 +3,7 @@
     python benchmarks/motor_tolerances.py [pmsm] [pmsm-three-rings] [--places 100] [--seed 1]
 
 Nothing is drawn and nothing is simulated. At random orientations in the workspace the torque of one coil is
-differentiated by every place, axis, edge and number of turns, from the closed form of the magnets' field over loops of the coil. Each
+differentiated by every place, axis, edge and number of turns, from the closed form of the magnets' field. Each
 derivative times its standard deviation is one part; the parts are independent, and are summed by squares.
 """
 
