@@ -49,7 +49,8 @@ def compute_torque(
     for at, direction, sign in zip(*magnets, strict=True):
         own = rotation_to_axis(direction)
         field += sign * device.magnet.field((points - at) @ own) @ own.T
-    return -np.cross(points, np.cross(along.reshape(-1, 3) @ frame.T, field)).sum(axis=0)
+    torque: Array = -np.cross(points, np.cross(along.reshape(-1, 3) @ frame.T, field)).sum(axis=0)
+    return torque
 
 
 def find_parts(device: SphericalMotor, places: int, seed: int) -> dict[str, float]:
@@ -62,7 +63,8 @@ def find_parts(device: SphericalMotor, places: int, seed: int) -> dict[str, floa
     assert layers is not None
     rng, whole, sums = np.random.default_rng(seed), 0.0, dict.fromkeys(PARTS, 0.0)
     for _ in range(places):
-        R = rotation_from_euler(*(device.workspace_tilt * rng.uniform(-1, 1, 2)), rng.uniform(0, 2 * np.pi))
+        psi, lam = device.workspace_tilt * rng.uniform(-1.0, 1.0, 2)
+        R = rotation_from_euler(float(psi), float(lam), rng.uniform(0, 2 * np.pi))
         number = int(rng.integers(len(device.electromagnets)))
         size, squares = differentiate(device, R, number)
         squares["turns of each layer"] = tolerance.turns_per_layer**2 * layers.layers / known.turns**2 * size
