@@ -8,15 +8,24 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
-from time import monotonic, sleep
+from time import monotonic, process_time, sleep
 
+import haptorb
+from haptorb import worlds
 from haptorb.cluster import python_command
+from haptorb.errors import HaptorbError
 from haptorb.recording.recording import Recording
+from haptorb.recording.row import RowLayout
+from haptorb.runtime.assembly import assemble
+from haptorb.runtime.config import RunConfig
+from haptorb.runtime.pointer import PointerTracker
+from haptorb.runtime.warm_up import dry_run
 from haptorb_bench.row import Metric
 
-__all__ = ["rows"]
+__all__ = ["rows", "time_single_process_warm_up"]
 
 _MINE = python_command("haptorb")
+_STARTED = monotonic()  #: import of this module [s]
 
 
 def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
@@ -35,6 +44,31 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
         Metric("start", "memory of servo, console and what belongs to them", megabytes, "MB", limit=400.0,
             note="" if megabytes is not None else "measured on Linux only"),
     ]  # fmt: skip
+
+
+def time_single_process_warm_up(device: str) -> None:
+    """Print the time in which one process loads or compiles controller, simulated device and all catalogue worlds.
+
+    With an empty cache, such as by `XDG_CACHE_HOME=$(mktemp -d)`, this is the cost of a blocking first start.
+    """
+    config = RunConfig.of(haptorb.load(device))
+    chain, row = assemble(config, PointerTracker()), RowLayout.of(config.device).empty()
+    with chain.driver:
+        for tick in range(5):
+            chain.prepare(tick / config.rate)
+            chain.step(row, tick / config.rate)
+        _print_time("controller and simulated device")
+        for kind in worlds.CATALOGUE.values():
+            tick += 1
+            try:
+                dry_run(chain, kind(), row, tick / config.rate)
+            except HaptorbError as refused:
+                print(f"{kind.__name__}: {refused}")
+            _print_time(kind.__name__)
+
+
+def _print_time(what: str) -> None:
+    print(f"{what:<32} {monotonic() - _STARTED:6.1f} s  {process_time():6.1f} s of processor time", flush=True)
 
 
 def _first_tick() -> float:
@@ -86,3 +120,7 @@ def _pages(number: int) -> int:
         if line.startswith("Pss:"):
             return 1024 * int(line.split()[1])
     return 0
+
+
+if __name__ == "__main__":
+    time_single_process_warm_up(*sys.argv[1:] or ["omni"])
