@@ -20,6 +20,7 @@ from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.warm_up import dry_run
+from haptorb.terminal import echo
 from haptorb_bench.row import Metric
 
 __all__ = ["rows", "time_single_process_warm_up"]
@@ -63,12 +64,12 @@ def time_single_process_warm_up(device: str) -> None:
             try:
                 dry_run(chain, kind(), row, tick / config.rate)
             except HaptorbError as refused:
-                print(f"{kind.__name__}: {refused}")
+                echo(f"{kind.__name__}: {refused}")
             _print_time(kind.__name__)
 
 
 def _print_time(what: str) -> None:
-    print(f"{what:<32} {monotonic() - _STARTED:6.1f} s  {process_time():6.1f} s of processor time", flush=True)
+    echo(f"{what:<32} {monotonic() - _STARTED:6.1f} s  {process_time():6.1f} s of processor time")
 
 
 def _first_tick() -> float:

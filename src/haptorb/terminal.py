@@ -35,20 +35,20 @@ __all__ = [
     "TextTable",
     "announce_wait",
     "drop_output",
+    "echo",
     "find_width",
     "fit_encoding",
     "format_facts",
     "make_console",
     "make_progress",
+    "notify",
     "open_output",
     "print_facts",
     "print_file",
     "print_json",
     "print_table",
     "print_text",
-    "say",
     "show_status",
-    "tell",
     "use_ascii_fallback",
     "wrap",
 ]
@@ -211,12 +211,12 @@ def print_file(text: str) -> None:
     print(fit_encoding(text, sys.stdout.encoding or "utf-8"), end="", flush=True)
 
 
-def say(text: str, indent: str = "") -> None:
+def notify(text: str, indent: str = "") -> None:
     """Print a message beside the result on standard error."""
     _print(sys.stderr, text, indent)
 
 
-def tell(text: str, indent: str = "") -> None:
+def echo(text: str, indent: str = "") -> None:
     """Print the result, or a part of it, on standard output."""
     _print(sys.stdout, text, indent)
 
@@ -644,7 +644,7 @@ _MESSAGE_DELAY_S = 2.0  #: delay of the message [s]
 @contextmanager
 def announce_wait(message: str) -> Iterator[None]:
     """Print `message` on standard error if the block takes longer than 2 s, and that Ctrl-C ends it."""
-    timer = Timer(_MESSAGE_DELAY_S, say, [f"{message} for {_MESSAGE_DELAY_S:g} s; still waiting. Ctrl-C ends."])
+    timer = Timer(_MESSAGE_DELAY_S, notify, [f"{message} for {_MESSAGE_DELAY_S:g} s; still waiting. Ctrl-C ends."])
     timer.daemon = True
     timer.start()
     try:

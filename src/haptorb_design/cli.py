@@ -13,7 +13,16 @@ import typer
 
 from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.errors import InputError
-from haptorb.terminal import CommandLine, announce_wait, make_console, make_progress, print_facts, print_json, say, tell
+from haptorb.terminal import (
+    CommandLine,
+    announce_wait,
+    echo,
+    make_console,
+    make_progress,
+    notify,
+    print_facts,
+    print_json,
+)
 
 if TYPE_CHECKING:
     from haptorb_design.problem import Design, Evaluation
@@ -96,12 +105,12 @@ def end_run(tally: Tally, into: str, json: bool) -> None:
         print_json({"results": mask_password(into), "designs": tally.count, "valid": tally.valid,
                     "refused": dict(tally.refused), "best": best})  # fmt: skip
     else:
-        tell(f"{tally.sentence}; in {mask_password(into)}")
+        echo(f"{tally.sentence}; in {mask_password(into)}")
         print_facts(make_console(), tally.list_best())
     if tally.failures:
-        say(tally.failures)
+        notify(tally.failures)
     if not tally.valid:
-        say(tally.advice)
+        notify(tally.advice)
         raise typer.Exit(1)
 
 
@@ -113,7 +122,7 @@ def _explain_interrupt(writer: ResultsWriter, total: int, into: str) -> Iterator
         yield
     except KeyboardInterrupt:
         stored = sum(number < total for number in writer.list_known())
-        say(f"interrupted: {stored} of {total} designs are in {mask_password(into)}; repeat the command to continue")
+        notify(f"interrupted: {stored} of {total} designs are in {mask_password(into)}; repeat the command to continue")
         raise
 
 
@@ -196,11 +205,11 @@ def report(
     if json:
         print_json({"report": str(page), "devices": [str(one) for one in devices]})
         return
-    tell(f"report: {page}")
+    echo(f"report: {page}")
     for one in devices:
-        tell(f"device: {one}")
+        echo(f"device: {one}")
     if not devices:
-        say("There is no valid design; the report counts the rejected ones.")
+        notify("There is no valid design; the report counts the rejected ones.")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -219,7 +228,7 @@ def show(
     from haptorb.runtime.linux import describe_timing
 
     if timing := describe_timing():
-        say(timing)
+        notify(timing)
     from haptorb_design.chooser import Chooser
     from haptorb_design.results_table import ResultsTable
     from haptorb_design.store import read_results
@@ -230,8 +239,8 @@ def show(
         refusals = ", ".join(f"{one.by} rejects {one.count}" for one in table.refusals)
         raise InputError(f"{results} holds no valid design to show ({refusals or 'nothing was computed'})")
     with Chooser(table, port) as chooser:
-        say(f"Open {chooser.url} in a browser. Ctrl-C ends.")
-        number = chooser.serve(open_browser=browser, say=say, until=duration)
+        notify(f"Open {chooser.url} in a browser. Ctrl-C ends.")
+        number = chooser.serve(open_browser=browser, say=notify, until=duration)
     if number:
         raise typer.Exit(128 + number)
 

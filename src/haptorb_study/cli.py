@@ -20,13 +20,13 @@ from haptorb.terminal import (
     Column,
     CommandLine,
     TextTable,
+    echo,
     make_console,
     make_progress,
+    notify,
     print_json,
     print_table,
-    say,
     show_status,
-    tell,
 )
 
 if TYPE_CHECKING:
@@ -119,8 +119,8 @@ def participants(
         state = f"SIMULATED, {state}" if one.simulated else state
         table.add_row(one.code, state, str(one.answered), one.started[:16].replace("T", " "))
     print_table(make_console(), table)
-    tell(f"next free code: {free}")
-    tell(f"{db} holds {describe_kind(holds)}")
+    echo(f"next free code: {free}")
+    echo(f"{db} holds {describe_kind(holds)}")
 
 
 def analyse(
@@ -170,7 +170,7 @@ def analyse(
     with show_status("drawing the figures"):
         folder = out or Path(f"{done.study.name}-report")
         path = write_report(done, folder, kind=figures, serve=pages.append if serve else None)
-    tell(f"report: {path}")
+    echo(f"report: {path}")
     if serve:
         _serve_report(pages[0], [_find_beside(db, part) for *_, part in done.recorded], port)
 
@@ -186,7 +186,9 @@ def _serve_report(html: str, parts: list[str], port: int) -> None:
     from haptorb_study.pages.report_server import ReportServer
 
     server = ReportServer(html, parts, port)
-    number = server.serve(lambda: say(f"Open {server.url} in a browser: the report, with its recordings. Ctrl-C ends."))
+    number = server.serve(
+        lambda: notify(f"Open {server.url} in a browser: the report, with its recordings. Ctrl-C ends.")
+    )
     if number is not None and number != signal.SIGINT:
         raise typer.Exit(128 + number)
 
@@ -212,7 +214,7 @@ def figures(
     size = PaperSize(single, double)
     done = analysis_of(db, name, data=None if data is None else check_kind(data))
     files = write_figures(done, out or Path(f"{done.study.name}-figures"), kind, size=size, overwrite=force)
-    tell(f"{done.origin}\n" + "\n".join(map(str, files)))
+    echo(f"{done.origin}\n" + "\n".join(map(str, files)))
 
 
 def export(
@@ -233,11 +235,11 @@ def export(
     done = export_study(engine, path, name, None if data is None else check_kind(data), overwrite=force)
     record_copy(engine, "export", path, done.study, {"data": data})
     practice = f", {done.practice} of them practice" if done.practice else ""
-    tell(f"{done.trials} trials{practice}: {', '.join(map(str, done.files))}")
+    echo(f"{done.trials} trials{practice}: {', '.join(map(str, done.files))}")
     if done.left_out:
-        say(f"left out, of another kind: {done.left_out}")
+        notify(f"left out, of another kind: {done.left_out}")
     if done.on_simulated_device:
-        say("SIMULATED DEVICE: trials in which nobody felt a force are marked in the column simulated_device")
+        notify("SIMULATED DEVICE: trials in which nobody felt a force are marked in the column simulated_device")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -249,13 +251,13 @@ def print_forecast(known: Study) -> bool:
     from haptorb_study.simulated.forecast import find_unfelt, forecast, overlap
 
     found = forecast(known)
-    say(("" if found.holds else "warning: ") + found.sentence)
+    notify(("" if found.holds else "warning: ") + found.sentence)
     reach = overlap(known)
     if reach is not None:
-        say("note: " + reach.sentence)
+        notify("note: " + reach.sentence)
     unfelt = find_unfelt(known)
     for one in unfelt:
-        say("warning: " + one.sentence)
+        notify("warning: " + one.sentence)
     return found.holds and not unfelt
 
 
@@ -265,11 +267,11 @@ def use_begun_version(engine: Engine, known: Study) -> Study:
 
     study = find_begun_version(engine, known)
     if known.order_version and not study.order_version:
-        say("this study was begun with an older haptorb and keeps the order of that version")
+        notify("this study was begun with an older haptorb and keeps the order of that version")
     if known.model_version and not study.model_version:
-        say("this study was begun with an older haptorb, which modelled coils as points, and keeps that model")
+        notify("this study was begun with an older haptorb, which modelled coils as points, and keeps that model")
     if study.published_layout != known.published_layout:
-        say("this study was begun with 1 + 8 + 8 + 8 set-points and keeps them (erratum E17, withdrawn)")
+        notify("this study was begun with 1 + 8 + 8 + 8 set-points and keeps them (erratum E17, withdrawn)")
     return study
 
 
@@ -280,7 +282,7 @@ def use_begun_version(engine: Engine, known: Study) -> Study:
 def print_order(summary: OrderSummary) -> None:
     """Print the order of the first participants and its balance."""
     for sentence in summary.sentences:
-        tell(sentence)
+        echo(sentence)
     if len(summary.units) < 2 and not summary.asks:
         return
     title = f"Order of the {summary.asks}" if len(summary.units) < 2 else "Order, trial by trial"
@@ -307,7 +309,7 @@ def new(
     from haptorb_study.template import write_study
 
     path = write_study(name, like, overwrite=force)
-    tell(f"{path}: written from the template '{like}'. Edit it, then: haptorb study check {path}")
+    echo(f"{path}: written from the template '{like}'. Edit it, then: haptorb study check {path}")
 
 
 def check(
@@ -332,7 +334,7 @@ def check(
         from haptorb_study.registration import write_registration
 
         made = write_registration(known, register)
-        say(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
+        notify(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
     if json:
         from haptorb_study.simulated.forecast import find_unfelt, forecast, overlap
 
@@ -346,10 +348,10 @@ def check(
         return
     first = known.points[0]
     where = f"{len(known.points)} set-points" if has_set_points(known) else f"everything at θ = {first.theta_deg:g} deg"
-    tell(f"{known.name}: {known.procedure} on '{known.device}', {where}")
+    echo(f"{known.name}: {known.procedure} on '{known.device}', {where}")
     print_order(order)
     if known.plan is not None:
-        tell(known.plan.sentence)
+        echo(known.plan.sentence)
     if not print_forecast(known):
         raise typer.Exit(1)
 
@@ -377,7 +379,7 @@ def simulate(
             engine, known, participants, seed=seed, first=first,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
-    tell(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
+    echo(f"{answered} SIMULATED trials in {db}; `haptorb study analyse {db}` shows them")
 
 
 def power(
@@ -437,7 +439,7 @@ def power(
     for n, share, low, high in zip(found.people, found.power, found.low, found.high, strict=True):
         table.add_row(str(n), f"{share:.2f}", f"{low:.2f} to {high:.2f}")
     print_table(make_console(), table)
-    tell(found.sentence)
+    echo(found.sentence)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -509,7 +511,7 @@ def run(
     pilot = pilot or driver == "sim"  # the simulated device renders no force to a participant
     start(None)  # not opened: wrong drivers, trackers, frames and streams are refused before a database is created
     if timing := describe_timing():
-        say(timing)
+        notify(timing)
     streams = None
     if lsl is not None:
         from haptorb_study.streams import open_streams
@@ -545,14 +547,14 @@ def _run_in_terminal(
 
     with StoredSession(engine, known, participant, pilot=pilot) as session:
         if session.resumed:
-            say(f"resuming session {session.id} of {participant} at trial {session.number + 1}")
+            notify(f"resuming session {session.id} of {participant} at trial {session.number + 1}")
         if session.over:
             raise InputError(f"participant '{participant}' has already answered all trials")
         from haptorb_study.terminal_session import run_session
 
         how = run_session(session, start, find_recording_path(db, session) if record else None)
     words = {"done": "done: thank you", "aborted": "aborted: the answers are stored"}
-    say(words.get(how, f"session ended: `{again}` resumes at trial {session.number + 1}"))
+    notify(words.get(how, f"session ended: `{again}` resumes at trial {session.number + 1}"))
 
 
 def _run_in_browser(
@@ -570,15 +572,15 @@ def _run_in_browser(
         "code": participant or "",
     }
     if where.warning:
-        say(where.warning)
+        notify(where.warning)
     with StudyServer(sessions, port, simulated=driver == "sim", more=more, where=where) as host:
         nature = ("PILOT, " if pilot else "") + ("SIMULATED DEVICE" if driver == "sim" else f"driver {driver}")
-        say(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
+        notify(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:
-            sessions.enqueue({"do": "begin", "code": participant}, say)
+            sessions.enqueue({"do": "begin", "code": participant}, notify)
         number = host.serve()
     if number:
-        say("ended: the same command continues an interrupted session")
+        notify("ended: the same command continues an interrupted session")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -609,14 +611,14 @@ def merge(
             progress=lambda ready, total: bar.update(task, completed=ready, total=total),
         )  # fmt: skip
     for note in done.notes:
-        say(f"note: {note}")
+        notify(f"note: {note}")
     for missing in done.missing:
-        say(f"warning: {missing} does not exist: its trials keep this name")
+        notify(f"warning: {missing} does not exist: its trials keep this name")
     if json:
         print_json({**vars(done), "missing": list(done.missing), "notes": list(done.notes)})
         return
     people = ", ".join(f"{count} participants of {place}" for place, count in done.people.items())
-    tell(f"{done.place}: {people}; {done.trials} trials, {done.recordings} recordings")
+    echo(f"{done.place}: {people}; {done.trials} trials, {done.recordings} recordings")
 
 
 def withdraw(
@@ -632,16 +634,16 @@ def withdraw(
 
     database(db, make=False).dispose()  # a missing database needs no confirmation
     if not yes and not typer.confirm(f"Remove all data of {code} for good?", err=True):
-        say("nothing was removed")
+        notify("nothing was removed")
         raise typer.Exit(1)
     with show_status(f"removing {code}"):
         done = remove(db, code, name)
     if json:
         print_json({key: list(value) if isinstance(value, tuple) else value for key, value in vars(done).items()})
     else:
-        tell(f"{done.code} withdrew from study '{done.study}': {done.sentence}")
+        echo(f"{done.code} withdrew from study '{done.study}': {done.sentence}")
     for left in done.left:
-        say(f"warning: not removed: {left}")
+        notify(f"warning: not removed: {left}")
 
 
 def backup(
@@ -651,7 +653,7 @@ def backup(
     """Copy a database file as it is at this moment, also while a session runs; `withdraw` knows of the copy."""
     from haptorb_study.copies import back_up
 
-    tell(f"backup: {back_up(db, into)}")
+    echo(f"backup: {back_up(db, into)}")
 
 
 def list_study_sections() -> list[KeySection]:

@@ -16,7 +16,7 @@ from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.figure_file import check_figure_file
-from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say
+from haptorb.terminal import Column, TextTable, make_console, notify, print_json, print_table
 from haptorb_study.feel_limits import DesignChoice, StabilityCheck, find_limits
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def feel(
     from haptorb_study.feel_limits import DesignChoice
 
     if timing := describe_timing():
-        say(timing)
+        notify(timing)
     where = PageAddress(host, address)
     choice = DesignChoice.of(designs, world or [], settings or [])
     candidates = choice.load()
@@ -107,8 +107,8 @@ def feel(
     check_person(person, store.people())
     for design in wanted:
         for remark in design.remarks:
-            say(f"{design.name}: {remark}")
-    say(f"True scale: {scale.sentence}.")
+            notify(f"{design.name}: {remark}")
+    notify(f"True scale: {scale.sentence}.")
     number = 0
     if headless:
         for design in wanted:
@@ -119,13 +119,13 @@ def feel(
     unfelt = [name for name in scores if not store.was_felt(name)]
     for name, score in scores.items():
         if name in unfelt:
-            say(f"{name}: not rated, for it has not been felt ({FELT})")
+            notify(f"{name}: not rated, for it has not been felt ({FELT})")
         else:
             store.rate(name, score, person=person)
     if choose is not None:
         store.choose(choose, person=person)
     facts = (f"Simulated device '{motor.name}': no hardware was driven.", f"True scale: {scale.sentence}.")
-    say(f"report: {write_report(store, store.folder / 'report.html', facts)}")
+    notify(f"report: {write_report(store, store.folder / 'report.html', facts)}")
     _compare(candidates, store, plot, json)
     if number or unfelt:
         raise typer.Exit(128 + number if number else 1)
@@ -153,7 +153,7 @@ def _compare(candidates: Candidates, session: FeelSession, plot: Path | None, js
     table = comparison(candidates, session)
     if plot is not None:
         plot_comparison(candidates, plot, session)
-        say(f"drawn: {plot}")
+        notify(f"drawn: {plot}")
     if json:
         tidy = {
             name: {key: None if value != value else value for key, value in row.items()} for name, row in table.items()
@@ -221,7 +221,7 @@ def feel_without_console(
     name = store.store_trace(trace, person=person) if len(trace) else ""
     if score is not None:
         store.rate(design.name, score, person=person, trace=name)
-    say(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
+    notify(f"{design.title}: rendered for {len(trace) * 1e-3:.1f} s" + (f", rated {score}" if score else ""))
 
 
 def feel_with_console(
@@ -251,7 +251,7 @@ def feel_with_console(
 
     def listen() -> None:
         with suppress(OSError, ValueError):  # no standard input
-            read_lines(live, wait_for_lines(sys.stdin.fileno(), ended.is_set), say)
+            read_lines(live, wait_for_lines(sys.stdin.fileno(), ended.is_set), notify)
 
     check = StabilityCheck(choice, device, [design.name for design in live.designs])
 
@@ -271,12 +271,12 @@ def feel_with_console(
         live.collect()
 
     if where.warning:
-        say(where.warning)
+        notify(where.warning)
     try:
         with Console(servo, port, designs=DesignPanel(live), where=where) as console, freeze_garbage(), servo:
             live.attach(servo)
-            live.notify = say
-            say(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
+            live.notify = notify
+            notify(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")
             for thread in threads:
                 thread.start()
             try:

@@ -15,7 +15,7 @@ from rich.text import Text
 from haptorb.errors import InputError, quote
 from haptorb.files import foreign_text, visible
 from haptorb.runtime.servo import Servo
-from haptorb.terminal import make_console, say
+from haptorb.terminal import make_console, notify
 from haptorb_study.keyboard import END, Keyboard, Keys
 from haptorb_study.stop_switch import StopSwitch
 from haptorb_study.stored_session import StoredSession
@@ -196,12 +196,14 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
     with Keyboard(halt) as keys:
         text = Text(visible(f"{study.instructions}\n\n{study.consent}".strip()))
         console.print(Panel(text, title=Text(foreign_text(study.name))), soft_wrap=False)
-        say("Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time.")
+        notify(
+            "Press Enter to begin and, if consent is asked above, to agree. q leaves. Space or Esc stops at any time."
+        )
         while (key := keys.next_key(1.0)) != "enter":
             if key in ("q", END):
                 session.record_event("leave")
                 return "left"
-        say("starting the device ...")
+        notify("starting the device ...")
         servo = start(recording)
         halt.attach(servo, keys.asked or halt.read_count())  # before it opens: Stop reaches it from here on
         with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptorb.terminal import fit_encoding, tell, use_ascii_fallback
+from haptorb.terminal import echo, fit_encoding, use_ascii_fallback
 
 
 def test_no_sign_of_the_sources_is_lost(root):
@@ -30,7 +30,7 @@ def test_a_stream_of_another_encoding_does_not_fail(monkeypatch, encoding):
     raw = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
     use_ascii_fallback()
-    tell("θ = 30°, 0.6 Ω → 2 µm²")
+    echo("θ = 30°, 0.6 Ω → 2 µm²")
     print("−1 ≤ π", flush=True)
     text = raw.getvalue().decode(encoding)
     assert "theta = 30" in text

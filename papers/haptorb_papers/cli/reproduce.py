@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.errors import InputError
-from haptorb.terminal import Column, TextTable, make_console, make_progress, print_json, print_table, tell
+from haptorb.terminal import Column, TextTable, echo, make_console, make_progress, print_json, print_table
 
 if TYPE_CHECKING:
     from haptorb_papers.reproduce import Reproduction, ReproductionResult
@@ -111,6 +111,6 @@ def _show(made: list[ReproductionResult], paths: list[Path]) -> None:
         table.add_row(f"{item.where}: {item.what}", *numbers, "" if item.unit == "1" else item.unit, item.label)
     print_table(make_console(), table)
     counts = summary(item for one in made for item in one.items)
-    tell("\n" + ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
+    echo("\n" + ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     for path in paths:
-        tell(f"written: {path}")
+        echo(f"written: {path}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.errors import InputError
-from haptorb.terminal import Column, TextTable, make_console, print_json, print_table, say, tell
+from haptorb.terminal import Column, TextTable, echo, make_console, notify, print_json, print_table
 
 if TYPE_CHECKING:
     from haptorb.cli.calibration_steps import Step
@@ -82,7 +82,7 @@ def calibrate(
         prepare_thread()  # the firmware switches off after 15 ms of silence, even if this computer is busy
     result = guide_calibration(
         found, through, path, steps=chosen, heat=heat, loads=weighed, pace=pace, restart=restart, overwrite=force,
-        guide=Dialog(say, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
+        guide=Dialog(notify, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
     )  # fmt: skip
     if result is None:
         raise typer.Exit(1)
@@ -96,21 +96,21 @@ def calibrate(
     for axis, row, spread in zip("xyz", result.moment_per_current, result.uncertainty, strict=True):
         table.add_row(axis, *(f"{value:+.5f} ± {s:.5f}" for value, s in zip(row, spread, strict=True)))
     print_table(make_console(), table)
-    tell(f"residual {result.residual * 1e6:.1f} µT rms, condition {result.condition:.1f}, repeatable to "
+    echo(f"residual {result.residual * 1e6:.1f} µT rms, condition {result.condition:.1f}, repeatable to "
          f"{100 * result.repeatability:.2f} %")  # fmt: skip
-    tell("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
+    echo("coils: " + ", ".join(f"{name} {r:.4f} Ω" for name, r in zip(found.coils.names, result.resistance,
                                                                      strict=True)))  # fmt: skip
     if result.heat is not None:
         values = result.heat.apply(found)
         network, rise = values.network(found.channels), values.derate - values.ambient
         alone = np.arange(found.channels) == int(network.rise_per_watt.diagonal().argmax())
         hot, half = network.time_to(rise, 240.0 * alone), network.time_to(rise, 60.0 * alone)
-        tell(f"heat of one coil: {rise / network.rise_per_watt.diagonal().max():.1f} W continuous, 240 W for {hot:.1f} "
+        echo(f"heat of one coil: {rise / network.rise_per_watt.diagonal().max():.1f} W continuous, 240 W for {hot:.1f} "
              f"s, 60 W for {half:.0f} s")  # fmt: skip
         if values.coupling is not None:
-            tell(f"heat of all coils together: {rise / network.rise_per_watt.sum(axis=1).max():.1f} W continuous in "
+            echo(f"heat of all coils together: {rise / network.rise_per_watt.sum(axis=1).max():.1f} W continuous in "
                  "each")  # fmt: skip
-    tell(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")
+    echo(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")
 
 
 def _ask(step: Step) -> bool:

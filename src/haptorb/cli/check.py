@@ -9,7 +9,7 @@ import typer
 
 from haptorb.errors import InputError
 from haptorb.figure_file import check_figure_file
-from haptorb.terminal import make_console, make_progress, print_facts, print_json, tell
+from haptorb.terminal import echo, make_console, make_progress, print_facts, print_json
 
 if TYPE_CHECKING:
     from haptorb.cli.check_world import Setting, WorldVerdict
@@ -233,6 +233,6 @@ def judge_scene(
     ]
     if coupled.turn_stiffness:
         facts.insert(1, ("in turning", f"{coupled.turn_stiffness:.3g} N·m/rad, {coupled.turn_damping:.2g} N·m·s/rad"))
-    tell(f"{device.name}, scene '{coupled.model.title}', body '{coupled.body}'")
+    echo(f"{device.name}, scene '{coupled.model.title}', body '{coupled.body}'")
     print_facts(make_console(), facts)
     return margin > 1.0

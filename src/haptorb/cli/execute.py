@@ -17,7 +17,7 @@ import typer
 
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.linux import Termination, die_with_parent, require_linux, run_uninterrupted, start_python
-from haptorb.terminal import say, tell
+from haptorb.terminal import echo, notify
 
 __all__ = ["register"]
 
@@ -39,9 +39,9 @@ def libraries(
     from haptorb.serve.native_libraries import lay_out
 
     lay_out(folder, replace=force)
-    tell(f"{folder / 'lib'}: libdrd, libdhd and libHD; {folder / 'include'}: dhdc.h, drdc.h, HD/hd.h")
-    tell(f"C and C++: cc program.c -I{folder / 'include'} -L{folder / 'lib'} -ldrd -lpthread -lm")
-    tell(f"programs that look for a kit: FDSDK={folder}, LD_LIBRARY_PATH={folder / 'lib'}")
+    echo(f"{folder / 'lib'}: libdrd, libdhd and libHD; {folder / 'include'}: dhdc.h, drdc.h, HD/hd.h")
+    echo(f"C and C++: cc program.c -I{folder / 'include'} -L{folder / 'lib'} -ldrd -lpthread -lm")
+    echo(f"programs that look for a kit: FDSDK={folder}, LD_LIBRARY_PATH={folder / 'lib'}")
 
 
 def run_program(
@@ -156,7 +156,7 @@ class _Run:
                 with suppress(subprocess.TimeoutExpired):
                     program.wait(0.1)
             if program.poll() is None:
-                say("the device has ended; the program is ended, too")
+                notify("the device has ended; the program is ended, too")
                 self._end_program(program)
         except (KeyboardInterrupt, Termination):
             self.stop()  # coils off first; the program has already received the terminal's signal

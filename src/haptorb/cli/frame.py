@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.errors import InputError
-from haptorb.terminal import print_json, say, tell
+from haptorb.terminal import echo, notify, print_json
 
 if TYPE_CHECKING:
     from haptorb.cli.frame_dialog import Stroke
@@ -71,11 +71,11 @@ def frame(
 
     with opened, doing:
         if preparation.token:
-            say(f"A program on another computer must send this token before its poses: {preparation.token}")
+            notify(f"A program on another computer must send this token before its poses: {preparation.token}")
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         preparation.descriptor = -1  # owned by the feed from here on
         opened.callback(feed.close)
-        result = register_frame(found, feed, ask=ask, say=say, bar=time_bar, pace=PACE if rehearse else 1.0)
+        result = register_frame(found, feed, ask=ask, say=notify, bar=time_bar, pace=PACE if rehearse else 1.0)
     if result is None:
         raise typer.Exit(1)
     written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)
@@ -86,13 +86,13 @@ def frame(
         print_json(loads(written.text()))
         return
     left_out = f"; {result.excluded} excluded (tip off the dome)" if result.excluded else ""
-    tell(f"{result.used} touches, residual {1e3 * result.residual:.2f} mm rms{left_out}; condition "
+    echo(f"{result.used} touches, residual {1e3 * result.residual:.2f} mm rms{left_out}; condition "
          f"{result.condition:.1f}")  # fmt: skip
-    tell(f"expected accuracy {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; fitted dome "
+    echo(f"expected accuracy {1e3 * result.position:.2f} mm and {math.degrees(result.direction):.2f}°; fitted dome "
          f"radius {1e3 * result.radius:.2f} mm (device file: {1e3 * found.dome_radius:g} mm); axis wobble "
          f"{math.degrees(result.wobble):.2f}°")  # fmt: skip
     if rehearsal is not None:
         place, turn = measure_miss(result, rehearsal.tracker, found)
-        tell(f"error against the simulated truth: {1e3 * place:.2f} mm rms, {math.degrees(turn):.2f}° at most")
-    tell(f"written: {path}{' (rehearsal)' if rehearse else ''}; use it with: "
+        echo(f"error against the simulated truth: {1e3 * place:.2f} mm rms, {math.degrees(turn):.2f}° at most")
+    echo(f"written: {path}{' (rehearsal)' if rehearse else ''}; use it with: "
          f"haptorb run {device} --tracker {tracker} --frame {path}")  # fmt: skip

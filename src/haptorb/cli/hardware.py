@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptorb.terminal import CommandLine, print_json, say, tell
+from haptorb.terminal import CommandLine, echo, notify, print_json
 
 __all__ = ["register"]
 
@@ -44,15 +44,15 @@ def probe(
         found.append({**vars(one), "about": list(one.about)})
         if json:
             continue
-        tell(f"{one.place}: {'responds' if one.answers else 'no answer'}")
+        echo(f"{one.place}: {'responds' if one.answers else 'no answer'}")
         for sentence in one.about:
-            tell(f"  {sentence}", indent="    ")
+            echo(f"  {sentence}", indent="    ")
         if one.driver:
-            tell(f"  use it with --driver {one.driver}", indent="    ")
+            echo(f"  use it with --driver {one.driver}", indent="    ")
     if json:
         print_json(found)
     if not answered:
-        (say if json else tell)("no device found: check power and cable, or name a port with --port")
+        (notify if json else echo)("no device found: check power and cable, or name a port with --port")
         raise typer.Exit(1)
 
 
@@ -77,7 +77,7 @@ def monitor(
         if json:
             print_json(numbers(sample, through.coil_state), line=True)
         else:
-            tell(line(sample, through.coil_state), indent="            ")
+            echo(line(sample, through.coil_state), indent="            ")
 
 
 @hardware.command()
@@ -111,7 +111,7 @@ def jog(
     try:
         reading = moved(it, through, coil, duty, duration, current)
     finally:
-        (say if json else tell)(f"coils: {state_words(through.coil_state)}")
+        (notify if json else echo)(f"coils: {state_words(through.coil_state)}")
     if json:
         print_json({"coil": reading.coil, "duty": reading.duty, "currents_a": list(reading.currents),
                     "resistance_ohm": reading.resistance if reading.resistance == reading.resistance else None,
@@ -120,9 +120,9 @@ def jog(
             raise typer.Exit(1)
         return
     currents = ", ".join(f"{name} {one:+.3f} A" for name, one in zip(it.coils.names, reading.currents, strict=True))
-    tell(f"coil {reading.coil}: duty {reading.duty:+.4f}, currents {currents}, resistance {reading.resistance:.3f} Ω")
+    echo(f"coil {reading.coil}: duty {reading.duty:+.4f}, currents {currents}, resistance {reading.resistance:.3f} Ω")
     for sentence in reading.verdict:
-        tell(f"  {sentence}", indent="    ")
+        echo(f"  {sentence}", indent="    ")
     if reading.verdict:
         raise typer.Exit(1)
 
@@ -157,7 +157,7 @@ def emulate(
     from haptorb.cli.board_tools import emulate as run
     from haptorb.devices.loader import load
 
-    tell(f"starting an emulated device: use it with --driver serial:{port}. Ctrl-C ends.")
+    echo(f"starting an emulated device: use it with --driver serial:{port}. Ctrl-C ends.")
     run(
         load(device), build, port, board, duration, height=None if height is None else 1e-3 * height, led=led, dead=dead
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from haptorb.terminal import announce_wait, say
+from haptorb.terminal import announce_wait, notify
 
 if TYPE_CHECKING:
     from haptorb.worlds.base import World
@@ -20,7 +20,7 @@ def announce_code(path: Path, name: str) -> None:
     """Print once that the code of the file `path` is executed; `name` is the object taken from it."""
     if (path, name) not in _announced:
         _announced.add((path, name))
-        say(f"Running the code of {path}" + (f" ({name})" if name else ""))
+        notify(f"Running the code of {path}" + (f" ({name})" if name else ""))
 
 
 def start_world_file(file: WorldFile) -> World:

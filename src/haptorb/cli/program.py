@@ -21,7 +21,7 @@ from haptorb.cli import calibrate, check, execute, fit, frame, hardware, keys, r
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
 from haptorb.files import describe_size_limit
 from haptorb.runtime.linux import Termination, raise_termination
-from haptorb.terminal import CommandLine, drop_output, open_output, say, tell, use_ascii_fallback
+from haptorb.terminal import CommandLine, drop_output, echo, notify, open_output, use_ascii_fallback
 from haptorb.version import __version__
 
 __all__ = ["app", "main"]
@@ -38,7 +38,7 @@ app = CommandLine(
 def tell_version(wanted: bool) -> None:
     """Print the version and exit, before other options are evaluated."""
     if wanted:
-        tell(f"haptorb {__version__}")
+        echo(f"haptorb {__version__}")
         raise typer.Exit
 
 
@@ -105,7 +105,7 @@ def report_damage() -> Iterator[None]:
 
         def show_damage(message: Warning | str, category: type[Warning], *others: Any, **more: Any) -> None:
             if issubclass(category, RecordingWarning):
-                say(str(message))
+                notify(str(message))
             else:
                 show(message, category, *others, **more)
 
@@ -149,13 +149,13 @@ def main(arguments: list[str] | None = None) -> int:
     except HaptorbError as mistake:
         limit = describe_size_limit() if _is_file_too_large(mistake) else ""
         already = not limit or limit in mistake.command_message
-        say(f"haptorb: {mistake.command_message}" + ("" if already else f"; {limit}"))
+        notify(f"haptorb: {mistake.command_message}" + ("" if already else f"; {limit}"))
         return 2
     except ModuleNotFoundError as missing:
         words = [word for word in (sys.argv[1:] if arguments is None else arguments) if not word.startswith("-")]
         if not (why := explain_missing(words[0] if words else "", missing)):
             raise
-        say(f"haptorb: {why}")
+        notify(f"haptorb: {why}")
         return 2
     except KeyboardInterrupt:
         return 130
@@ -168,6 +168,6 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         drop_output()
         limit = describe_size_limit() if cause.errno == errno.EFBIG else ""
-        say(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}" + (limit and f"; {limit}"))
+        notify(f"haptorb: cannot write {cause.filename or 'the output'}: {cause.strerror}" + (limit and f"; {limit}"))
         return 2
     return 0

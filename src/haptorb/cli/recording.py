@@ -11,14 +11,14 @@ from haptorb.errors import InputError, RecordingError, UnknownName
 from haptorb.terminal import (
     Column,
     TextTable,
+    echo,
     make_console,
     make_progress,
+    notify,
     print_facts,
     print_json,
     print_table,
     print_text,
-    say,
-    tell,
 )
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def info(
             print_json({**_numbers(recording, whole), "written": str(repair)})
         else:
             losses = "; ".join(list_losses(recording)) or "nothing was missing"
-            tell(f"{repair}: {len(recording)} rows; {losses}")
+            echo(f"{repair}: {len(recording)} rows; {losses}")
         return
     if json:
         print_json(_numbers(recording, whole))
@@ -123,7 +123,7 @@ def report_end(recording: Recording) -> None:
     from haptorb.recording.recording import list_losses
 
     if recording.truncated:
-        say(f"{recording.path}: {list_losses(recording)[-1]}")
+        notify(f"{recording.path}: {list_losses(recording)[-1]}")
 
 
 def _numbers(recording: Recording, whole: bool) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def export(
         size = path.stat().st_size
         print_json({"file": str(path), "format": to, "ticks": ticks, "bytes": size, **list_missing(recording)})
     else:
-        tell(f"{path}: {ticks} ticks")
+        echo(f"{path}: {ticks} ticks")
 
 
 def parse_time(option: str, text: str | None) -> float | None:

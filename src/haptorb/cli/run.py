@@ -13,7 +13,7 @@ import typer
 
 from haptorb.errors import InputError
 from haptorb.runtime.linux import Termination, run_uninterrupted
-from haptorb.terminal import print_json, say
+from haptorb.terminal import notify, print_json
 
 if TYPE_CHECKING:
     from haptorb.runtime.prestart import PrestartedProcess
@@ -56,7 +56,7 @@ def tell_part(servo: Servo) -> Iterator[None]:
                 known.add(part)
                 text = servo.part_remarks[PARTS.index(part)] if part != "force" or servo.render else ""
                 if text:
-                    say(text)
+                    notify(text)
             if ended.wait(_CHECK_INTERVAL_S):
                 return
 
@@ -89,7 +89,7 @@ def tell_missing_pose(servo: Servo) -> Iterator[None]:
             patience = _FIRST_CHECK_S
             text = servo.missing_pose if servo.alive else ""
             if text and text != last_text:
-                say(f"{text[0].upper()}{text[1:]}")
+                notify(f"{text[0].upper()}{text[1:]}")
                 patience = _REPEAT_INTERVAL_S
             last_text = text
 
@@ -270,11 +270,11 @@ def run(
         servo = Servo(config, record=record or False, overwrite=force, black_box=state_folder() / "trips")
         for name, own in servo.own_worlds.items():
             for remark in list_world_remarks(own, 1.0 / servo.rate) if name == servo.world[0] else ():
-                say(remark)
+                notify(remark)
         if servo.coupling:
-            say(servo.coupling)
+            notify(servo.coupling)
         if timing := describe_timing():
-            say(timing)
+            notify(timing)
         with Serving(choices, servo) as serving:
             number = (
                 _run_without_console(servo, standby, serving, duration, json)
@@ -282,7 +282,7 @@ def run(
                 else _run_with_console(servo, standby, serving, duration, port, browser, json, where)
             )
         for file in servo.trip_files:
-            say(f"last ticks before the trip: {file}")
+            notify(f"last ticks before the trip: {file}")
     if number:
         raise typer.Exit(128 + number)
 
@@ -293,7 +293,7 @@ def _run_without_console(
     with _open_servo(servo, standby, serving):
         if not json:
             world, driver = servo.world[0], _driver_text(servo)
-            say(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
+            notify(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
         try:
             with tell_missing_pose(servo), tell_part(servo):
                 try:
@@ -325,7 +325,7 @@ def _run_with_console(
     from haptorb.web.server import freeze_garbage
 
     if where.warning:
-        say(where.warning)
+        notify(where.warning)
     with Console(servo, port, where=where) as console, freeze_garbage(), _open_servo(servo, standby, serving):
         end = float("inf") if duration is None else monotonic() + duration
         last, invited = "", False
@@ -334,10 +334,10 @@ def _run_with_console(
             nonlocal last, invited
             if console.answers and not invited:
                 invited = True
-                say(f"Open {console.url} in a browser: {servo.device.name}, {_driver_text(servo)}. Ctrl-C ends.")
+                notify(f"Open {console.url} in a browser: {servo.device.name}, {_driver_text(servo)}. Ctrl-C ends.")
             now = servo.world_trouble
             if now and not last:
-                say(now)
+                notify(now)
             last = now
             return monotonic() > end
 
@@ -352,7 +352,7 @@ def _run_with_console(
 def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> Iterator[None]:
     """Run `servo` and close it on exit, the loop first; explain a slow start."""
     hint = Timer(
-        3.0, say, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
+        3.0, notify, ["Starting ... The first start after an installation compiles code: about 15 s on two cores."]
     )
     hint.daemon = True
     hint.start()
@@ -366,16 +366,16 @@ def _open_servo(servo: Servo, standby: PrestartedProcess, serving: Serving) -> I
         hint.cancel()
     try:
         if servo.warning:
-            say(f"Warning: {servo.warning}")
+            notify(f"Warning: {servo.warning}")
         if servo.tracker_token:
-            say(f"A program on another computer must send this token before its poses: {servo.tracker_token}")
+            notify(f"A program on another computer must send this token before its poses: {servo.tracker_token}")
         for line in serving.lines:
-            say(line)
+            notify(line)
         yield
     finally:
         _close(servo, serving)
         if servo.report()["coil_state"] == "unknown":
-            say("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
+            notify("COIL STATE UNKNOWN: the device did not confirm that its coils are off. Switch off its supply.")
 
 
 def _close(servo: Servo, serving: Serving) -> None:
@@ -407,7 +407,7 @@ def _report(servo: Servo, json: bool) -> None:
     if rate is not None and late is not None:
         torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
         turned = torque if report["rendered_part"] in ("torque", "both") else ""
-        say(
+        notify(
             f"{report['ticks']} ticks, {100 * rate:.2f} % on time, p99 lateness {late:.0f} µs, "
             + (
                 f"peak torque {report['peak_torque_nm']:.2f} N·m"
@@ -416,11 +416,11 @@ def _report(servo: Servo, json: bool) -> None:
             )
         )
     if "rate_hz" in (poses := report["tracking"]):
-        say(describe_tracking(servo.tracker, poses))
+        notify(describe_tracking(servo.tracker, poses))
     if heavy := describe_detail(report.get("scene", {})):
-        say(heavy)
+        notify(heavy)
     for line in describe_servers(report.get("servers", [])):
-        say(line)
+        notify(line)
     for trip in report["trips"]:
         by = f" (while {trip['program']} commanded)" if trip["program"] else ""
-        say(f"tripped at {trip['t']:.2f} s{by}: {trip['reason']}")
+        notify(f"tripped at {trip['t']:.2f} s{by}: {trip['reason']}")

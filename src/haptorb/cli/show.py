@@ -11,6 +11,7 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.terminal import (
     Column,
     TextTable,
+    echo,
     make_console,
     make_progress,
     print_facts,
@@ -18,7 +19,6 @@ from haptorb.terminal import (
     print_json,
     print_table,
     print_text,
-    tell,
 )
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def show(
         geometry = require_geometry(found, "`haptorb show`")
         print_json({"name": found.name, "digest": found.digest, **describe_geometry(geometry)})
     else:
-        tell(f"written: {output}")
+        echo(f"written: {output}")
 
 
 def _list(lines: dict[str, str], json: bool) -> None:

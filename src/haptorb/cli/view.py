@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptorb.errors import InputError
-from haptorb.terminal import print_json, say, show_status
+from haptorb.terminal import notify, print_json, show_status
 
 if TYPE_CHECKING:
     from haptorb.web.view import Viewer
@@ -78,6 +78,6 @@ def _tell(viewer: Viewer, json: bool) -> None:
         return
     for one in viewer.recordings:
         for notice in one.notices:
-            say(f"{one.name}: {notice}")
+            notify(f"{one.name}: {notice}")
     names = " beside ".join(f"{one.name} ({one.device.name}, {one.seconds:.1f} s)" for one in viewer.recordings)
-    say(f"Open {viewer.url} in a browser: {names}. Ctrl-C ends.")
+    notify(f"Open {viewer.url} in a browser: {names}. Ctrl-C ends.")

@@ -15,7 +15,7 @@ from sqlalchemy.engine import Engine
 
 from haptorb.errors import HaptorbError, InputError, ServoError
 from haptorb.runtime.servo import Servo
-from haptorb.terminal import say
+from haptorb.terminal import notify
 from haptorb_study.codes import next_code
 from haptorb_study.database import list_participants
 from haptorb_study.stop_switch import StopCount, StopSwitch
@@ -71,7 +71,7 @@ def try_step(do: Callable[[], object]) -> None:
         do()
     except Exception as fault:
         with suppress(OSError, ValueError):  # standard error may be closed
-            say(f"while a session ended: {explain_fault(fault)}")
+            notify(f"while a session ended: {explain_fault(fault)}")
 
 
 # --------------------------------------------------------------------------------------------------
