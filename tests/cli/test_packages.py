@@ -23,9 +23,9 @@ def register(app):
     @app.command("made-up")
     def made_up() -> None:
         """Say what a package of somebody else says."""
-        from haptorb.terminal import tell
+        from haptorb.terminal import echo
 
-        tell("made up")
+        echo("made up")
 '''
 OWN = '''
 import numpy as np
