@@ -128,6 +128,7 @@ def test_candidates_that_harm_their_process_are_rejected_no_worker_ends_and_none
     (tmp_path / "cost.py").write_text(HARM)
     (tmp_path / "bare.toml").write_text(BARE)
     jobs: list[Job] = [(angle, {"radius": 30.0, "angle": float(angle)}) for angle in range(50, 59)]
+    wait_until(lambda: len(cluster.scheduler.workers) == 4, "four workers")  # one may have been killed before
     workers_before = set(cluster.scheduler.workers)
     arrived = []
     with open_cluster_workers(parse_design(TOY, "toy", tmp_path), cluster.scheduler_address, 2.0) as workers:

@@ -247,10 +247,12 @@ def test_a_frame_that_a_callback_leaves_open(served: ServedFile, program: Any) -
             force(0, 0.5, 0); hd.hdEndFrame(h)
             return 1
         keep = CALL(call); schedule(keep); hd.hdStartScheduler()
-        sys.stdin.readline(); hd.hdStopScheduler(); say(count[0] > 4, *found, *errors())
+        sys.stdin.readline()
+        while count[0] <= 4: time.sleep(0.01)
+        hd.hdStopScheduler(); say("ended", *found, *errors())
     """)
     served.await_force((0.0, 0.0, 0.5), 10.0)
-    assert process.communicate("\n", timeout=30)[0] == "True\n"
+    assert process.communicate("\n", timeout=30)[0] == "ended\n"
 
 
 def test_joint_angles_of_a_device_without_joints(served: ServedFile, program: Any) -> None:  # noqa: F811
