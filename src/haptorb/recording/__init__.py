@@ -1,1 +1,1 @@
-"""The rows of a run: their description, MCAP files, reading, export and plots."""
+"""Recordings of runs: row layout, MCAP files, reading, repair, export and plots."""

@@ -23,11 +23,11 @@ __all__ = ["RunRecording", "complete", "create_recording", "create_temporary", "
 
 
 # --------------------------------------------------------------------------------------------------
-# The file of a recording, opened before anything starts, so that errors occur before the run.
+# File of a recording. It is created before the servo starts, so that a file error occurs before the run.
 
 
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_MODE = 0o444 if os.name == "posix" else 0o666  # Windows: the recorder opens the file again, by its name
+_MODE = 0o444 if os.name == "posix" else 0o666  # Windows: the recorder reopens the file by its name
 
 
 def create_recording(path: Path, *, overwrite: bool) -> int:
@@ -53,9 +53,9 @@ def create_recording(path: Path, *, overwrite: bool) -> int:
 
 
 def complete(descriptor: int, *, temporary: bool) -> None:
-    """Remove the write protection of a complete recording: the permissions become those of any new file of the user.
+    """Remove the write protection of a complete recording: set the permissions of an ordinary new file.
 
-    What others may read is for the user's umask to say; a `create_temporary` file stays its owner's alone.
+    The user's umask determines them; a file from `create_temporary` remains accessible to its owner only.
     """
     mask = os.umask(0o077)
     os.umask(mask)
@@ -65,9 +65,9 @@ def complete(descriptor: int, *, temporary: bool) -> None:
 
 
 def create_temporary() -> tuple[Path, int, FileLock]:
-    """(path, descriptor, claim) of a new file in the system's temporary folder, which is ours while the claim is held.
+    """Create a file in the system's temporary folder; return (path, descriptor, lock).
 
-    Raises RecordingError if none can be made there.
+    `haptorb.files.sweep` does not delete the file while the lock is held. Raises RecordingError if creation fails.
     """
     folder = Path(tempfile.gettempdir())
     while True:
@@ -83,7 +83,11 @@ def create_temporary() -> tuple[Path, int, FileLock]:
 
 @final
 class RunRecording:
-    """`where`: the file; None: a temporary one; False: nowhere. `overwrite`: whether the file may be replaced."""
+    """Recording file of one run.
+
+    where      path of the file; None: a temporary file; False: no recording
+    overwrite  whether an existing file may be replaced
+    """
 
     def __init__(self, where: str | Path | Literal[False] | None, *, overwrite: bool) -> None:
         self._where, self._overwrite = where, overwrite
@@ -92,16 +96,16 @@ class RunRecording:
 
     @property
     def user_path(self) -> str | None:
-        """The named file, once it exists; None for a temporary one or none."""
+        """Path of the named file, once it exists; None for a temporary file or no recording."""
         return str(self._path) if self._where and self._path else None
 
     @property
     def temporary_path(self) -> Path | None:
-        """The temporary file, once it is there."""
+        """Path of the temporary file, once it exists; None for a named file or no recording."""
         return self._path if self._where is None else None
 
     def open(self) -> int | None:
-        """A descriptor of the new, empty file; None for nowhere. Raises RecordingError."""
+        """Create the file and return its descriptor; None for no recording. Raises RecordingError."""
         if self._where is False:
             return None
         if self._where is None:
@@ -115,11 +119,11 @@ class RunRecording:
 
     @property
     def path(self) -> Path | None:
-        """The file, once it exists."""
+        """Path of the file, once it exists."""
         return self._path
 
     def discard(self) -> None:
-        """Delete the file, if nothing ran."""
+        """Delete the file of a run that failed to start."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
@@ -133,7 +137,7 @@ class RunRecording:
 
 
 def _remove(path: Path) -> None:
-    with suppress(OSError):  # Windows: it is still open
+    with suppress(OSError):  # Windows: the file is still open
         path.unlink(missing_ok=True)
 
 
@@ -146,7 +150,7 @@ _COMPUTING = ("numpy", "numba", "llvmlite", "mujoco")
 
 @cache
 def list_versions() -> dict[str, str]:
-    """Package → version, of those that are there.
+    """Versions of haptorb, Python and the installed numerical packages, by name.
 
     >>> list_versions()["haptorb"] == __version__
     True
@@ -160,7 +164,7 @@ def list_versions() -> dict[str, str]:
 
 @cache
 def describe_machine() -> dict[str, str]:
-    """The processor: kernels are compiled for the one that is there."""
+    """Processor model, because kernels are compiled for the processor of the computer."""
     model = ""
     with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
         model = next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), "")

@@ -1,4 +1,4 @@
-"""Export of recordings to CSV, Parquet and NumPy; written in pieces and atomically."""
+"""Export of recordings to pandas, xarray, CSV, Parquet and NumPy; files are written in blocks and atomically."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A recording for pandas and xarray, with the unit of every number in `attrs`.
+# Conversion of a recording to pandas and xarray, with the unit of every column in `attrs`.
 #
-# Neither package is loaded, or needed, before the first call.
+# Both packages are optional and imported by the first call.
 
 
 _PLACE, _TURN, _WRENCH = ("x", "y", "z"), ("x", "y", "z", "w"), ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _HOOK = ("deflection", "place", "point_x", "point_y", "point_z", "force_x", "force_y", "force_z")
-#: fields with parts that have names: field → (dimension, names of the parts)
+#: fields with named components: field → (dimension, names of the components)
 _PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
     **dict.fromkeys(("p", "v", "w", "hand_goal", "object"), ("axis", _PLACE)),
     **dict.fromkeys(("q", "hand_goal_q", "object_q"), ("quaternion", _TURN)),
@@ -68,25 +68,25 @@ class RecordingNotes(Protocol):
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """The device, the run and the versions."""
+        """Metadata records by name: device, run, versions and others."""
 
 
 class Rows(RecordingNotes, Protocol):
-    """Row access of a recording."""
+    """Interface to the rows of a recording."""
 
     @property
     def columns(self) -> tuple[Field, ...]:
-        """The fields, the memory of worlds by its own names."""
+        """All fields, with the memory of each world split into its named fields."""
 
     def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
-        """(last − first, k) those columns side by side, in their own units [SI]."""
+        """Rows `first` to `last` − 1 of `fields`, side by side, shape (last − first, k), in the fields' units [SI]."""
 
     def __len__(self) -> int:
-        """Rows recorded."""
+        """Number of recorded rows."""
 
 
 def units_of(field: Field) -> tuple[str, ...]:
-    """The unit of each number of `field`: a wrench's "N, N·m" are three forces and three torques.
+    """Unit of each column of `field`; "N, N·m" of a wrench expands to three forces and three torques.
 
     >>> units_of(Field("wrench_commanded", 6, "N, N·m", ""))
     ('N', 'N', 'N', 'N·m', 'N·m', 'N·m')
@@ -96,7 +96,7 @@ def units_of(field: Field) -> tuple[str, ...]:
         return units * field.width
     if len(units) == 2 and field.width % 6 == 0:
         return tuple(unit for unit in units for _ in range(3)) * (field.width // 6)
-    if len(units) == 4 and field.width % 8 == 0:  # of a hook: two lengths, a place, a force
+    if len(units) == 4 and field.width % 8 == 0:  # a contact: two lengths, a point, a force
         return tuple(unit for unit, many in zip(units, (1, 1, 3, 3), strict=True) for _ in range(many)) * (
             field.width // 8
         )
@@ -104,7 +104,7 @@ def units_of(field: Field) -> tuple[str, ...]:
 
 
 def column_names(field: Field) -> tuple[str, ...]:
-    """The name of each number of `field`, in tables.
+    """Column names of `field` in tables.
 
     >>> column_names(Field("p", 3, "m", ""))
     ('p[0]', 'p[1]', 'p[2]')
@@ -113,7 +113,7 @@ def column_names(field: Field) -> tuple[str, ...]:
 
 
 def column_heads(field: Field) -> tuple[str, ...]:
-    """The heading of each number of `field` in a CSV file: name, and the unit where there is one.
+    """CSV headings of `field`: column name, and the unit unless dimensionless.
 
     >>> column_heads(Field("p", 3, "m", ""))[2], column_heads(Field("tick", 1, "1", ""))
     ('p[2] [m]', ('tick',))
@@ -123,14 +123,14 @@ def column_heads(field: Field) -> tuple[str, ...]:
 
 
 def coil_names(metadata: Mapping[str, Mapping[str, str]], count: int) -> list[str]:
-    """As the recorded device has them; numbers from 1 where a recording does not say, or says something else.
+    """Coil names of the recorded device; numbers from 1 if the metadata contains no valid list of `count` names.
 
     >>> coil_names({"device": {"coils": '["x", "y"]'}}, 2), coil_names({}, 2)
     (['x', 'y'], ['1', '2'])
     """
     try:
         names = json.loads(metadata.get("device", {}).get("coils", ""))
-    except ValueError:  # of an older recording
+    except ValueError:  # older recordings contain no names
         names = None
     if isinstance(names, list) and len(names) == count and all(isinstance(name, str) for name in names):
         return names
@@ -138,9 +138,9 @@ def coil_names(metadata: Mapping[str, Mapping[str, str]], count: int) -> list[st
 
 
 def make_data_frame(recording: Rows) -> DataFrame:
-    """A DataFrame of all rows (n, width), one column per number; see `Recording.to_pandas`.
+    """Convert all rows to a DataFrame (n, width), one column per number; see `Recording.to_pandas`.
 
-    Units [SI] are in `attrs`. Raises InputError if pandas is not there.
+    Units [SI] are in `attrs`. Raises InputError if pandas is not installed.
     """
     try:
         import pandas
@@ -160,7 +160,7 @@ def make_data_frame(recording: Rows) -> DataFrame:
 
 
 def make_dataset(recording: Rows) -> Dataset:
-    """A Dataset over `t` (n,) [s], one variable per field; see `Recording.to_xarray`.
+    """Convert all rows to a Dataset over `t` (n,) [s], one variable per field; see `Recording.to_xarray`.
 
     Raises InputError if xarray is not installed.
     """
@@ -194,7 +194,7 @@ def make_dataset(recording: Rows) -> Dataset:
 
 
 def describe_notes(recording: RecordingNotes) -> dict[str, str]:
-    """Describe the run for the metadata of a table: file, device, driver, rate [Hz], model, and missing rows."""
+    """Metadata of an exported table: file, device, driver, rate [Hz], model, and missing rows."""
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     known = {
         "recording": recording.path.name,
@@ -209,43 +209,43 @@ def describe_notes(recording: RecordingNotes) -> dict[str, str]:
     return {key: foreign_text(value) for key, value in known.items() if value}
 
 
-Progress = Callable[[float], None]  #: called with the completed share, 0 to 1
+Progress = Callable[[float], None]  #: called with the completed fraction, 0 to 1
 
-_PIECE_ROWS = 20_000  #: written at once
+_PIECE_ROWS = 20_000  #: rows per block
 
 
 class RecordingReader(Protocol):
-    """Recording to be exported."""
+    """Interface to a recording that is exported."""
 
     path: Path
     truncated: bool
     damage: tuple[str, ...]
 
     def check(self, first: int = 0, last: int | None = None, report: Progress = lambda share: None) -> bool:
-        """Compare rows `first` up to `last` with their checksums, and leave damaged ones out; True if some are."""
+        """Verify the checksums of rows `first` to `last` − 1 and exclude damaged rows; True if there are any."""
 
     @property
     def columns(self) -> tuple[Field, ...]:
-        """Its fields, the memory of worlds by its own names."""
+        """All fields, with the memory of each world split into its named fields."""
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """The device, the run and the versions."""
+        """Metadata records by name: device, run, versions and others."""
 
     def __getitem__(self, name: str) -> FieldColumn:
-        """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
+        """The field `name` over all ticks, shape (n, width), or (n,) if the width is 1, in its unit [SI]."""
 
     def __len__(self) -> int:
-        """Rows recorded."""
+        """Number of recorded rows."""
 
     def read(self, first: int, last: int, fields: Sequence[str]) -> Array:
-        """(last − first, k) those fields side by side, in their own units [SI]."""
+        """Rows `first` to `last` − 1 of `fields`, side by side, shape (last − first, k), in the fields' units [SI]."""
 
 
 @final
 @dataclass(frozen=True)
 class Export:
-    """An export: selected `fields` and `ticks`, in the format `form`."""
+    """Selected `fields` and `ticks` of a recording, to be written in the format `form`."""
 
     recording: RecordingReader
     form: str
@@ -262,11 +262,11 @@ class Export:
         end: float | None = None,
         report: Progress = lambda share: None,
     ) -> Export:
-        """Those named (all) between `start` and `end` [s after the first tick]; damaged rows are left out.
+        """Select `fields` (default: all) between `start` and `end` [s after the first tick], without damaged rows.
 
-        `report` receives the share of these rows that was compared with its checksums.
+        `report` receives the fraction of these rows whose checksums have been verified.
 
-        Raises UnknownName for a field or format that there is not, InputError for a range without a tick.
+        Raises UnknownName for an unknown field or format, InputError for a time range without a tick.
         """
         if form not in FORMATS:
             raise UnknownName("format", form, FORMATS)
@@ -274,7 +274,7 @@ class Export:
         return cls(recording, form, chosen, _find_sound_ticks(recording, start, end, report))
 
     def write(self, path: Path, report: Progress = lambda share: None) -> None:
-        """Write it to `path`, whole or not at all. Raises RecordingError if it cannot be written."""
+        """Write the export to `path`, atomically. Raises RecordingError if it cannot be written."""
         try:
             with replace_file(path) as part:
                 FORMATS[self.form](self, part, report)
@@ -282,7 +282,7 @@ class Export:
             raise RecordingError(f"cannot write {path}: {cause.strerror}") from cause
 
     def pieces(self, report: Progress) -> Iterator[Array]:
-        """(n, k) after (n, k): the fields side by side, in their own units [SI]."""
+        """Iterate over blocks of rows (n, k): the fields side by side, in their units [SI]."""
         names = [field.name for field in self.fields]
         for first in range(self.ticks.start, self.ticks.stop, _PIECE_ROWS):
             last = min(first + _PIECE_ROWS, self.ticks.stop)
@@ -304,14 +304,14 @@ def _choose_fields(recording: RecordingReader, names: Sequence[str] | None) -> t
 
 
 def _find_sound_ticks(recording: RecordingReader, start: float | None, end: float | None, report: Progress) -> range:
-    """The ticks in that range of time, without damaged ones."""
+    """Range of undamaged ticks between `start` and `end` [s after the first tick]."""
     if start is None and end is None:
         recording.check(report=report)
     while True:
         try:
             ticks = _find_ticks(recording, start, end)
         except RecordingError:
-            if not recording.check(report=report):  # the search met the damage
+            if not recording.check(report=report):  # the search read a damaged row: exclude it and search again
                 raise
             continue
         if not recording.check(ticks.start, ticks.stop, report):
@@ -319,7 +319,7 @@ def _find_sound_ticks(recording: RecordingReader, start: float | None, end: floa
 
 
 def _find_ticks(recording: RecordingReader, start: float | None, end: float | None) -> range:
-    """The ticks in that range of time: few places of the file are looked at."""
+    """Range of ticks between `start` and `end`, by bisection, which reads few rows of the file."""
     for name, value in (("start", start), ("end", end)):
         if value is not None and not math.isfinite(value):
             raise InputError(f"{name} must be a time in seconds after the first tick; got {value}")
@@ -366,11 +366,11 @@ def _write_parquet(export: Export, path: Path, report: Progress) -> None:
 
 
 def _write_npz(export: Export, path: Path, report: Progress) -> None:
-    """One array for each field, and `about`: JSON with the unit and meaning of each, and what ran."""
+    """Write one array per field, and `about`: JSON with the unit and meaning of each field, and notes of the run."""
     about = {field.name: {"unit": field.unit, "about": field.about} for field in export.fields}
     notes = {"fields": about, "recording": describe_notes(export.recording)}
     with ExitStack() as stack:
-        parts = [stack.enter_context(TemporaryFile(dir=path.parent)) for _ in export.fields]  # a long file is read once
+        parts = [stack.enter_context(TemporaryFile(dir=path.parent)) for _ in export.fields]  # reads a long file once
         ends = np.cumsum([field.width for field in export.fields])[:-1]
         for piece in export.pieces(report):
             for part, columns in zip(parts, np.split(piece, ends, axis=1), strict=True):
@@ -386,7 +386,7 @@ def _write_npz(export: Export, path: Path, report: Progress) -> None:
                     shutil.copyfileobj(part, file)
 
 
-#: how each format is written
+#: format → its writer
 FORMATS: Final[Mapping[str, Callable[[Export, Path, Progress], None]]] = {
     "csv": _write_csv,
     "parquet": _write_parquet,

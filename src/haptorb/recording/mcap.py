@@ -1,4 +1,4 @@
-"""Recordings as MCAP files: rows written in chunks, read back from whole or truncated files, and indexed."""
+"""MCAP files of recordings: writer of rows in chunks, and reader that tolerates damaged and truncated files."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # Conversion between a row's layout and a ROS 2 message definition, a schema that MCAP tools can read.
 #
-# All fields are float64, so a message is four bytes that say "little-endian CDR" and the row's own bytes: what is read
-# back is bit for bit what the loop published.
+# All fields are float64, so a message is the four-byte header of little-endian CDR followed by the bytes of the row. A
+# row is read bit for bit as the loop published it.
 
 
-_MAX_WIDTH = 65_536  #: limit of numbers in a row
+_MAX_WIDTH = 65_536  #: limit of the length of a row [numbers]
 
 NAME = "haptorb/msg/Tick"
 ENCODING = "ros2msg"
@@ -71,7 +71,7 @@ _LINE = re.compile(
 
 
 def schema(layout: RowLayout) -> str:
-    """The message definition of `layout`, with unit and meaning of every field; fields without numbers are left out.
+    """ROS 2 message definition of `layout`, with unit and meaning of every field, without fields of zero width.
 
     >>> schema(RowLayout(channels=3, sensors=0)).splitlines()[13]
     'float64 age  # [s] age of the pose'
@@ -80,7 +80,7 @@ def schema(layout: RowLayout) -> str:
 
 
 def describe_fields(fields: Iterable[Field]) -> str:
-    """The message definition of a row of `fields`."""
+    """ROS 2 message definition of a row of `fields`."""
     lines = []
     for field in fields:
         if field.width:
@@ -90,7 +90,7 @@ def describe_fields(fields: Iterable[Field]) -> str:
 
 
 def fields_of(text: str) -> tuple[Field, ...]:
-    """The fields that a `schema` describes, by today's names. Raises RecordingError for anything but float64."""
+    """Parse the fields of a `schema`, with their present names. Raises RecordingError for anything but float64."""
     fields: list[Field] = []
     for line in text.splitlines():
         if not line.strip() or line.lstrip().startswith("#"):
@@ -112,13 +112,13 @@ def fields_of(text: str) -> tuple[Field, ...]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Writer of rows to an MCAP file, in chunks so small that a kill at any moment loses less than 0.1 s.
+# Writer of rows to an MCAP file. The chunks are small, so that a kill at any time loses less than 0.1 s of rows.
 #
-# It uses no clock and no process: it is called by `recorder_process`.
+# It reads no clock and starts no process; `haptorb.runtime.recorder_process` calls it.
 
 
-CHUNK = 32_000  #: size before compression [bytes]
-_MAX_CHUNK_S = 0.04  #: time in a chunk [s]: at slow rates a full chunk would be too much to lose
+CHUNK = 32_000  #: size of a chunk before compression [bytes]
+_MAX_CHUNK_S = 0.04  #: limit of the duration of a chunk [s], because a full chunk takes long at low rates
 
 
 class _CountedFile:
@@ -139,13 +139,13 @@ class _CountedFile:
 
 @final
 class Recorder:
-    """Writes rows of `layout` at about `rate` [Hz] to the open binary `file`.
+    """Writer of rows of `layout` at about `rate` [Hz] to the open binary `file`.
 
-    `unix_minus_monotonic` [ns] turns the rows' monotonic clock into the time of day that MCAP tools show.
+    `unix_minus_monotonic` [ns] converts the rows' monotonic clock to the Unix time that MCAP tools show.
     """
 
     def __init__(self, file: BinaryIO, layout: RowLayout, rate: float, unix_minus_monotonic: int) -> None:
-        self.written = 0  #: rows, of which the last ones may still wait for their chunk to be full
+        self.written = 0  #: rows appended, including those of the incomplete chunk
         self.safe_rows = 0  #: rows that are in the file
         self._size = 0
         self._file = _CountedFile(file)
@@ -167,19 +167,19 @@ class Recorder:
         self._size = self._file.size
 
     def append(self, rows: Array) -> None:
-        """Add rows (n, width), then hand everything that is complete to the operating system."""
+        """Append rows (n, width), then flush complete chunks to the operating system."""
         write, channel, offset, full = self._writer.add_message, self._channel, self._offset, self.safe_rows
         for row in rows:
             time = int(row[self._wall] * 1e9) + offset
             write(channel, time, CDR_HEADER + row.tobytes(), time, self.written & 0xFFFFFFFF)
             self.written += 1
-            if (size := self._file.size) != self._size:  # a chunk is full, and with it all rows so far
+            if (size := self._file.size) != self._size:  # a chunk was written, with all rows so far
                 self._size, full = size, self.written
         self._file.flush()
         self.safe_rows = full
 
     def finish(self) -> None:
-        """Write what is left, the index and the end mark; the file is then complete."""
+        """Write the last chunk, the index and the footer; the file is then complete."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         self.safe_rows = self.written
@@ -188,47 +188,47 @@ class Recorder:
 # --------------------------------------------------------------------------------------------------
 # Reader of rows and metadata of an MCAP file: all undamaged chunks of a damaged or truncated file of any length.
 #
-# The summary at the end of the file lists the chunks. Where it is missing or damaged, the records are walked from the
-# start, and after damage from the next record that is consistent in itself: the lengths in the head of a chunk must
-# agree. The checksum of a chunk, which is compared when the chunk is unpacked, decides whether its rows are sound.
+# The summary at the end of the file lists the chunks. If it is missing or damaged, the records are scanned from the
+# start; after damage, the scan resumes at the next consistent record. A chunk is consistent if the lengths in its
+# header agree. Its checksum is verified when it is decompressed, and determines whether its rows are valid.
 
 
 MAGIC = b"\x89MCAP0\r\n"
 
-_HEAD = struct.Struct("<BQ")  #: of a record: what it is, and its length
-_MESSAGE_HEAD = 22  #: channel, sequence and two times before the data of a message
-MESSAGE_OVERHEAD = _HEAD.size + _MESSAGE_HEAD  #: bytes of a message beside its data
-_CHUNK_HEAD = struct.Struct("<QQQII")  #: first and last time, size, checksum, letters in the name of the compression
-_PACKED = struct.Struct("<Q")  #: after that name: bytes of the packed records
-_FOOTER = struct.Struct("<BQQQI8s")  #: with the place of the summary, its checksum, and the magic bytes of the end
+_HEAD = struct.Struct("<BQ")  #: header of a record: opcode and length
+_MESSAGE_HEAD = 22  #: channel ID, sequence number and two times before the data of a message [bytes]
+MESSAGE_OVERHEAD = _HEAD.size + _MESSAGE_HEAD  #: bytes of a message in addition to its data
+_CHUNK_HEAD = struct.Struct("<QQQII")  #: start and end time, size, checksum, length of the compression's name
+_PACKED = struct.Struct("<Q")  #: after that name: size of the compressed records [bytes]
+_FOOTER = struct.Struct("<BQQQI8s")  #: footer record: summary offsets and checksum; then the magic bytes
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
-_RELEASE = 16 * 1024 * 1024  #: bytes of the file after which those that were looked at need no more memory
+_RELEASE = 16 * 1024 * 1024  #: scanned bytes after which their mapped pages are released
 
-_CHUNK = 64 * 1024 * 1024  #: bytes of a chunk before compression: ours have 32 kB, those of other tools a few MB
-_RATIO = 200  #: all chunks together over the size of the file: rows with running times in them do not shrink so far
-_RECORDS = 20_000  #: records of any file, and one more for every _EACH bytes of it: an index has 16 for each message
+_CHUNK = 64 * 1024 * 1024  #: limit of a chunk before compression [bytes]; haptorb: 32 kB, other tools: a few MB
+_RATIO = 200  #: limit of the compression ratio of all chunks: rows with their varying times compress less
+_RECORDS = 20_000  #: limit of records, plus one per _EACH bytes of the file: an index has 16 per message
 _EACH = 16
-_RUN = 1024 * 1024  #: bytes of messages outside chunks that are read at once
-_FIRST_CHUNKS = 16  #: chunks that are searched for the channel before the copies without a checksum are used
+_RUN = 1024 * 1024  #: messages outside chunks that are read at once [bytes]
+_FIRST_CHUNKS = 16  #: chunks searched for the channel before copies without a checksum are used
 _DAMAGE = (McapError, ZstdError, RuntimeError, ValueError, OverflowError, MemoryError, IndexError, struct.error)
 _TOO_MANY = "the recording has more records than a file of its size can have: haptorb did not write it"
 
-#: beginnings of records from which a walk can go on after damage: chunk, note, schema, channel
+#: starts of records at which a scan can resume after damage: chunk, metadata, schema, channel
 _RESUME = re.compile(
     rb"\x06[\s\S]{5}\0{3}[\s\S]{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)"
     rb"|\x0c[\s\S]{5}\0{3}[\s\S]{4}haptorb/"
     rb"|\x03[\s\S]{5}\0{3}[\s\S]{2}" + struct.pack("<I", len(NAME)) + NAME.encode() +
     rb"|\x04[\s\S]{5}\0{3}[\s\S]{4}" + struct.pack("<I", len(TOPIC)) + TOPIC.encode()
 )  # fmt: skip
-_OF_THREAD = threading.local()  #: its unpacker: one is a third faster than a new one for each chunk, and of one thread
+_OF_THREAD = threading.local()  #: the thread's decompressor: not thread-safe; a third faster than one per chunk
 
 
 class MissingRows(NamedTuple):
-    """Rows that cannot be read: where they would be, and how many.
+    """Position and number of consecutive missing rows.
 
-    row         rows before them that can be read
-    rows        how many are missing; None: unknown
-    start, end  time of the last tick before and of the first tick after them on the loop's clock [s]; None: none
+    row         number of readable rows before them
+    rows        number of missing rows; None: unknown
+    start, end  time of the last readable tick before and of the first after them, on the loop's clock [s]; None: none
     """
 
     row: int
@@ -238,7 +238,7 @@ class MissingRows(NamedTuple):
 
 
 class Block:
-    """Messages of one channel in a row, all of the same size: `records` (n, bytes), with their heads."""
+    """Consecutive messages of one channel and one size: `records` (n, bytes), with their headers."""
 
     def __init__(self, records: NDArray[np.uint8]) -> None:
         self.records = records
@@ -246,7 +246,7 @@ class Block:
 
     @property
     def data(self) -> NDArray[np.uint8]:
-        """(n, bytes) the messages without their heads."""
+        """Data of the messages, without headers, shape (n, bytes)."""
         return self.records[:, MESSAGE_OVERHEAD:]
 
     def numbers(self) -> tuple[int, int]:
@@ -255,23 +255,23 @@ class Block:
         return int.from_bytes(pair[:4], "little"), int.from_bytes(pair[-4:], "little")
 
     def messages(self) -> Iterator[tuple[int, int, int, bytes]]:
-        """Sequence number, log time and publish time [ns], and data of each message."""
+        """Iterate over the messages: sequence number, log time and publish time [ns], and data."""
         for record in self.records:
             _, sequence, log_time, publish_time = struct.unpack_from("<HIQQ", record, _HEAD.size)
             yield sequence, log_time, publish_time, record[MESSAGE_OVERHEAD:].tobytes()
 
 
 class _Chunks:
-    """Where chunks lie, in the order of the file: one number of each in every list."""
+    """Positions and sizes of the chunks, in file order: one entry per chunk in each list."""
 
     def __init__(self) -> None:
-        self.places: list[int] = []  #: of the record's content, behind its head
+        self.places: list[int] = []  #: offsets of the records' contents, after their headers [bytes]
         self.lengths: list[int] = []
-        self.sizes: list[int] = []  #: bytes when unpacked, as the head or the summary says
+        self.sizes: list[int] = []  #: decompressed sizes that headers or summary state [bytes]
         self.packed: list[bool] = []  #: False: not a chunk, but messages outside chunks
 
     def add(self, place: int, length: int, size: int, *, packed: bool = True) -> None:
-        """The next one."""
+        """Append a chunk."""
         self.places.append(place)
         self.lengths.append(length)
         self.sizes.append(size)
@@ -279,22 +279,21 @@ class _Chunks:
 
 
 class _Records:
-    """What the records of a file say, apart from rows; those outside chunks have no checksum, except in a summary."""
+    """Contents of a file's records other than rows; outside chunks, only those in the summary have a checksum."""
 
     def __init__(self) -> None:
         self.chunks = _Chunks()
         self.schemas: list[Schema] = []
         self.channels: list[Channel] = []
         self.notes: list[tuple[str, dict[str, str]]] = []
-        self.lost_notes: list[str] = []  #: their names
-        self.holes: list[tuple[int, int]] = []  #: first byte that cannot be read, and the first that can be again
-        self.messages: dict[int, int] = {}  #: channel → messages in the whole file
-        self.sound = False  #: from a summary whose checksum is right
+        self.lost_notes: list[str] = []  #: names of unreadable metadata records
+        self.holes: list[tuple[int, int]] = []  #: unreadable ranges: first byte, first readable byte after it
+        self.messages: dict[int, int] = {}  #: channel ID → number of messages in the file
+        self.sound = False  #: from a summary with a correct checksum
 
 
 def is_mcap(head: bytes) -> bool:
-    """Whether a file that begins with `head` is MCAP: most of its first eight bytes must be right, so that damage to
-    some of them is not the end of a recording.
+    """Whether a file that begins with `head` is MCAP; up to three of its eight magic bytes may be damaged.
 
     >>> is_mcap(MAGIC), is_mcap(b"\\x89MCAX0\\r\\n"), is_mcap(b"time [s]"), is_mcap(b"")
     (True, True, False, False)
@@ -303,7 +302,7 @@ def is_mcap(head: bytes) -> bool:
 
 
 def _read_at(file: int, length: int, place: int) -> bytes:
-    """`length` bytes of the open `file` from `place`; Windows has no `pread`."""
+    """Read `length` bytes of the open `file` at offset `place`; Windows has no `pread`."""
     if hasattr(os, "pread"):
         return os.pread(file, length, place)
     os.lseek(file, place, os.SEEK_SET)
@@ -314,15 +313,15 @@ def _read_at(file: int, length: int, place: int) -> bytes:
 class McapReader:
     """Reader of the undamaged chunks and the metadata of the recording `path`.
 
-    fields      as the file's own schema describes them; empty: it has no haptorb rows
-    width       numbers in a row
-    channel     number of the channel of the rows in the file; -1: unknown
-    notes       every metadata record that can be read: (name, values), in order
-    truncated   no end was found: the recorder was killed, or still writes
-    lost_notes  names of metadata records that cannot be read
-    checked     all chunks were unpacked and compared with their checksums: see `check`
+    fields      from the schema in the file; empty: the file has no haptorb rows
+    width       length of a row
+    channel     channel ID of the rows; -1: unknown
+    notes       readable metadata records: (name, values), in order
+    truncated   the file's end is missing: the recorder was killed or still writes
+    lost_notes  names of unreadable metadata records
+    checked     all chunks were decompressed and their checksums verified, see `check`
 
-    Raises RecordingError, before memory or time is taken, for more bytes or records than a recording can have.
+    Raises RecordingError, before it allocates memory, for more bytes or records than a recording can have.
     """
 
     def __init__(self, path: Path) -> None:
@@ -333,7 +332,7 @@ class McapReader:
         self._schemas: dict[int, Schema] = {}
         self.channel = -1
         self._oversized: RecordingError | None = None
-        self._unpacked: tuple[int, Array] | None = None  # number and rows of the last chunk: neighbours share it
+        self._unpacked: tuple[int, Array] | None = None  # number and rows of the last chunk read
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
             size = len(view)
             self.truncated = not _has_end(view)
@@ -359,13 +358,13 @@ class McapReader:
         self._number_rows()
 
     def __len__(self) -> int:
-        """Rows in all chunks that are not known to be damaged."""
+        """Number of rows in the chunks that are not known to be damaged."""
         return int(self._starts[-1])
 
     def read(self, first: int, last: int, columns: slice) -> Array:
-        """(n, k) those columns of rows `first` up to `last`, n of them, each number in the unit of its field [SI].
+        """Columns of rows `first` to `last` − 1, shape (n, k), each number in the unit of its field [SI].
 
-        Raises RecordingError where a chunk is damaged, or the file has changed since it was opened.
+        Raises RecordingError if a chunk is damaged or the file has changed since it was opened.
         """
         width = len(range(*columns.indices(self.width)))
         out = np.empty((max(last - first, 0), width))
@@ -388,9 +387,10 @@ class McapReader:
         report: Callable[[float], None] = lambda share: None,
         take: Callable[[Array], None] | None = None,
     ) -> int:
-        """Unpack the chunks that have the rows `first` up to `last` (all), and leave out those that are damaged, so
-        that later rows have lower numbers; returns how many were left out. `take` receives the rows (n, width) of the
-        others, each field in its unit [SI].
+        """Verify the chunks of rows `first` to `last` − 1 (default: all); return the number of damaged chunks.
+
+        Damaged chunks are excluded, so that the indices of later rows decrease. `take` receives the rows (n, width) of
+        the others, each field in its unit [SI].
         """
         begin, end = 0, len(self._sound)
         if last is not None:
@@ -417,9 +417,9 @@ class McapReader:
         return left_out
 
     def list_missing(self) -> tuple[list[MissingRows], list[tuple[int, int]]]:
-        """Rows that are known to be missing; and (first byte, end) of what cannot be read where no row is missing.
+        """Known missing rows; and the unreadable byte ranges (first, end) in which no row is missing.
 
-        Messages are numbered in the file: a number that is left out is a missing row.
+        Messages have sequence numbers: a gap in them is a missing row.
         """
         holes = [*self._holes]
         holes += [(int(self._places[n]) - _HEAD.size, int(self._places[n] + self._lengths[n]))
@@ -449,7 +449,7 @@ class McapReader:
         return missing, harmless
 
     def list_contents(self) -> Iterator[list[Any]]:
-        """Schema, Channel and Block in order, of each undamaged chunk. Raises RecordingError where one is damaged."""
+        """Iterate over the undamaged chunks, after the records outside chunks: lists of Schema, Channel and Block."""
         yield [*self._found.schemas, *self._found.channels]
         with self._open() as file:
             for number in range(len(self._places)):
@@ -469,7 +469,7 @@ class McapReader:
             raise RecordingError(f"cannot read {self._path}: {cause.strerror}") from cause
 
     def _read_rows(self, file: int, at: int) -> Array:
-        """(n, width) the rows of the chunk at position `at` of those that have some."""
+        """Rows of the chunk with index `at` among the undamaged chunks with rows, shape (n, width)."""
         number = int(self._sound[at])
         if self._unpacked is not None and self._unpacked[0] == number:
             return self._unpacked[1]
@@ -491,11 +491,11 @@ class McapReader:
         )
 
     def _open_chunk(self, file: int, number: int) -> Array:
-        """(n, width) the rows of chunk `number` [SI]. Raises one of _DAMAGE."""
+        """Rows of chunk `number`, shape (n, width) [SI]. Raises one of _DAMAGE."""
         return self._decode(self._open_blocks(file, number))
 
     def _open_blocks(self, file: int, number: int) -> list[Block]:
-        """The messages of chunk `number` on the channel of the rows; notes their numbers. Raises one of _DAMAGE."""
+        """Row messages of chunk `number`; stores their sequence numbers. Raises one of _DAMAGE."""
         body, whole = self._read_chunk(file, number), MESSAGE_OVERHEAD + len(CDR_HEADER) + 8 * self.width
         head = struct.pack("<BQH", Opcode.MESSAGE, whole - _HEAD.size, self.channel & 0xFFFF)
         blocks = []
@@ -513,7 +513,7 @@ class McapReader:
         return blocks
 
     def _decode(self, blocks: list[Block]) -> Array:
-        """Rows (n, width) from messages: four bytes of CDR header, then the row itself."""
+        """Decode messages, a CDR header of four bytes and a row each, to rows (n, width)."""
         rows = [np.empty((0, self.width))]
         for block in blocks:
             if block.data.shape[1] != len(CDR_HEADER) + 8 * self.width:
@@ -525,7 +525,7 @@ class McapReader:
         return _parse_records(self._read_chunk(file, number), self._most)
 
     def _read_chunk(self, file: int, number: int) -> bytes:
-        """The unpacked records of chunk `number`. Raises one of _DAMAGE."""
+        """Decompressed records of chunk `number`. Raises one of _DAMAGE."""
         length = int(self._lengths[number])
         data = _read_at(file, length, int(self._places[number]))
         if len(data) != length:
@@ -533,7 +533,7 @@ class McapReader:
         return _unpack(data) if self._packed[number] else data
 
     def _find_fields(self, file: int, sizes: NDArray[np.uint64]) -> None:
-        """From a sound summary, else from the first chunk that has the channel, else from a copy without a checksum."""
+        """Find the fields in a valid summary, else in a chunk with the channel, else in a copy without checksum."""
         found = self._found
         if found.sound and found.channels:
             for record in (*found.schemas, *found.channels):
@@ -563,15 +563,14 @@ class McapReader:
         try:
             for record in (*found.schemas, *found.channels):
                 self._apply_schema(record)
-        except RecordingError as cause:  # damaged, or another program's
+        except RecordingError as cause:  # damaged, or written by another program
             doubt = cause
         self._check_fields_by_size(file, sizes)
         if doubt is not None and not self.fields:
             raise doubt
 
     def _check_fields_by_size(self, file: int, sizes: NDArray[np.uint64]) -> None:
-        """Check the fields against the metadata of the layout, another copy: it is used where only it agrees with the
-        sizes of chunks."""
+        """Use the fields of the layout metadata, a second copy, if they fit the chunk sizes at least as well."""
         noted = next((values for name, values in self.notes if name == "haptorb/layout"), None)
         try:
             keys = ("channels", "sensors", "contacts", "memory")
@@ -589,7 +588,7 @@ class McapReader:
             self.channel = self._guess_channel(file)
 
     def _guess_channel(self, file: int) -> int:
-        """Channel of the first message that can be read."""
+        """Channel ID of the first readable message; -1 if there is none."""
         for number in np.flatnonzero(~self._damaged).tolist():
             try:
                 blocks = [one for one in self._read_records(file, number) if isinstance(one, Block)]
@@ -600,7 +599,7 @@ class McapReader:
         return -1
 
     def _apply_schema(self, found: Any) -> None:
-        """The fields of the haptorb topic. Raises RecordingError if it is of another kind, or there twice."""
+        """Set the fields from the channel of the haptorb topic. Raises RecordingError if type or fields conflict."""
         if isinstance(found, Schema):
             self._schemas[found.id] = found
         if not isinstance(found, Channel) or found.topic != TOPIC:
@@ -615,7 +614,7 @@ class McapReader:
         self.width = sum(field.width for field in fields)
 
     def _count_rows(self, file: int, sizes: NDArray[np.uint64]) -> None:
-        """From the size of each chunk, if it can have nothing but rows; else the chunk is opened."""
+        """Count the rows of each chunk: from its size if it can contain only rows, else by decompression."""
         each = MESSAGE_OVERHEAD + len(CDR_HEADER) + 8 * self.width
         plain = (sizes % each == 0) & (sizes > 0) & (sizes <= _CHUNK)
         self._counts = np.where(plain & ~self._damaged, sizes // each, 0).astype(np.int64)
@@ -639,8 +638,10 @@ class McapReader:
         self._starts = np.concatenate(([0], np.cumsum(self._counts[self._sound])))
 
     def _number_edges(self, gaps: Sequence[int]) -> NDArray[np.int64]:
-        """(n, 2) sequence numbers of first and last row of all sound chunks; -1 of those that were not unpacked, except
-        beside the `gaps`."""
+        """Sequence numbers of the first and last row of each undamaged chunk, shape (n, 2); -1: unknown.
+
+        Decompresses the chunks beside the `gaps` and, if there are gaps, the last chunk.
+        """
         count = len(self._sound)
         with self._open() as file:
             for at in {n for gap in gaps for n in (gap - 1, gap)} | ({count - 1} if gaps else set()):
@@ -652,19 +653,19 @@ class McapReader:
         numbers = self._numbers[self._sound]
         known = numbers[:, 0] >= 0
         spans = (numbers[:, 1] - numbers[:, 0]) % 2**32 + 1
-        if 2 * (spans[known] != self._counts[self._sound][known]).sum() > known.sum():  # another program does not count
+        if 2 * (spans[known] != self._counts[self._sound][known]).sum() > known.sum():  # unnumbered messages
             return np.full_like(numbers, -1)
         return numbers
 
     def _count_written(self) -> int | None:
-        """Rows that were written, as the end of the file says."""
+        """Number of rows written, from the end of the file; None: unknown."""
         noted = dict(self.notes).get("haptorb/end", {}).get("rows", "")
         if noted.isascii() and noted.isdecimal() and len(noted) <= 15:
             return int(noted)
         return self._found.messages.get(self.channel)
 
     def _count_missing(self, gap: int, numbers: NDArray[np.int64], total: int | None) -> int | None:
-        """Rows between two sound chunks, before the first one, or after the last."""
+        """Number of rows missing between two undamaged chunks, before the first or after the last; None: unknown."""
         before = int(numbers[gap - 1, 1]) if gap else -1
         if gap and before < 0:
             return None
@@ -674,7 +675,7 @@ class McapReader:
         return None if total is None else max(total - before - 1, 0)
 
     def _read_time(self, row: int) -> float | None:
-        """Of row `row` [s]; None if the chunk is damaged, or rows have no time."""
+        """Time of row `row` [s]; None if its chunk is damaged, or rows have no time."""
         at = 0
         for field in self.fields:
             if field.name == "t" and field.width == 1:
@@ -698,7 +699,7 @@ def _check_size(claimed: int) -> None:
 
 
 def _check_room(left: int) -> None:
-    """Refuse chunks that together claim more than the chunks of a file of its size can have."""
+    """Raise RecordingError if the chunks claim more bytes than those of a file of its size can have."""
     if left < 0:
         raise RecordingError(
             f"the recording claims {-left} bytes more than the chunks of a file of its size can have: haptorb did not "
@@ -707,7 +708,7 @@ def _check_room(left: int) -> None:
 
 
 def _unpack(data: bytes) -> bytes:
-    """The records in the chunk `data`. Raises one of _DAMAGE where it is not what its head and its checksum say."""
+    """Decompress the chunk `data`. Raises one of _DAMAGE if it disagrees with its header or its checksum."""
     _, _, size, checksum, letters = _CHUNK_HEAD.unpack_from(data)
     name = data[_CHUNK_HEAD.size : _CHUNK_HEAD.size + min(letters, 8)]
     (packed,) = _PACKED.unpack_from(data, _CHUNK_HEAD.size + len(name))
@@ -718,7 +719,7 @@ def _unpack(data: bytes) -> bytes:
     if not size:
         return b""
     if name == b"zstd":
-        claimed = frame_content_size(data[-packed:][:18])  # -1: it does not say, and takes what the record says
+        claimed = frame_content_size(data[-packed:][:18])  # -1: the frame does not state it; the chunk's header does
         _check_size(claimed)
         if claimed not in (-1, size):
             raise ValueError("a chunk has another size than its head says")
@@ -735,8 +736,10 @@ def _unpack(data: bytes) -> bytes:
 
 
 def _parse_records(data: bytes, most: int) -> list[Any]:
-    """Schema, Channel and Block; messages that are alike in channel and size as one block: 50 times faster than
-    singly."""
+    """Parse the records of a chunk into Schema, Channel and Block.
+
+    Consecutive messages of one channel and size become one Block, 50 times faster than one by one.
+    """
     at = 0
     found: list[Any] = []
     for _ in range(most):
@@ -759,7 +762,7 @@ def _parse_records(data: bytes, most: int) -> list[Any]:
 
 
 def _count_alike(data: bytes | mmap.mmap, at: int, whole: int, most: int = 2**62) -> int:
-    """Whole messages from `at` on that have the same length, `whole`, and channel as the first."""
+    """Number of consecutive complete messages at `at` with the length `whole` and the channel of the first."""
     alike, count, size = data[at : at + _HEAD.size + 2], 1, len(data)
     while count < most and at + (count + 1) * whole <= size:
         if data[at + count * whole : at + count * whole + _HEAD.size + 2] != alike:
@@ -769,7 +772,7 @@ def _count_alike(data: bytes | mmap.mmap, at: int, whole: int, most: int = 2**62
 
 
 def _parse_exactly(opcode: int, data: bytes) -> Schema | Channel | Metadata | Statistics | MetadataIndex:
-    """The record, which must take all of `data`. Raises one of _DAMAGE."""
+    """Parse the record that fills `data` exactly. Raises one of _DAMAGE if it does not."""
     kinds: dict[int, Any] = {
         Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata, Opcode.STATISTICS: Statistics,
         Opcode.METADATA_INDEX: MetadataIndex,
@@ -782,7 +785,7 @@ def _parse_exactly(opcode: int, data: bytes) -> Schema | Channel | Metadata | St
 
 
 def _has_end(view: mmap.mmap) -> bool:
-    """Whether the file has its last bytes; either copy will do."""
+    """Whether the file has its end: the footer record or the magic bytes after it."""
     size = len(view)
     if size < len(MAGIC) + _FOOTER.size:
         return False
@@ -791,7 +794,7 @@ def _has_end(view: mmap.mmap) -> bool:
 
 
 def _read_summary(view: mmap.mmap) -> _Records | None:
-    """What the summary says, with the notes that it lists; None unless its checksum is right."""
+    """Read the summary and the metadata records that it lists; None unless its checksum is correct."""
     size = len(view)
     if size < len(MAGIC) + _FOOTER.size:
         return None
@@ -833,7 +836,7 @@ def _read_summary(view: mmap.mmap) -> _Records | None:
     if counted is not None:
         found.messages = dict(counted.channel_message_counts)
         if counted.chunk_count != len(chunks) or counted.metadata_count != len(places):
-            return None  # not all are listed
+            return None  # the index is incomplete
         if counted.message_count and not len(chunks):
             return None  # its messages are outside chunks
     elif not len(chunks):
@@ -856,21 +859,23 @@ def _read_summary(view: mmap.mmap) -> _Records | None:
 
 
 def _read_listed_chunks(view: mmap.mmap, at: int, end: int) -> tuple[NDArray[np.uint64], int]:
-    """(n, 3) place, length and unpacked bytes of the chunks that the records from `at` on list, which are all of one
-    length; and where those records end."""
+    """Read consecutive chunk index records of equal length at `at`; also returns the offset of their end.
+
+    The array (n, 3) contains offset, length and decompressed size of each chunk [bytes].
+    """
     size = _HEAD.size + int(_HEAD.unpack_from(view, at)[1])
     if not _HEAD.size + 48 <= size <= end - at:
         raise ValueError("a record of the index is not whole")
     block = np.frombuffer(view[at : at + (end - at) // size * size], np.uint8).reshape(-1, size)
     alike = (block[:, : _HEAD.size] == block[0, : _HEAD.size]).all(axis=1)
     count = len(block) if alike.all() else int(alike.argmin())
-    places = slice(_HEAD.size + 16, _HEAD.size + 32)  # after the times of the chunk: its place, and its length
+    places = slice(_HEAD.size + 16, _HEAD.size + 32)  # after the times of the chunk: its offset and its length
     numbers = np.concatenate((block[:count, places], block[:count, -8:]), axis=1)
     return np.ascontiguousarray(numbers).view("<u8").astype(np.uint64), at + count * size
 
 
 def _walk(view: mmap.mmap) -> _Records:
-    """Visit the heads of all records, and after damage go on at the next that is consistent."""
+    """Scan the headers of all records; after damage, resume at the next consistent record."""
     size, at, released, found = len(view), len(MAGIC), 0, _Records()
     most = _RECORDS + size // _EACH
     end = size - len(MAGIC) if view[size - len(MAGIC) :] == MAGIC else size
@@ -895,7 +900,7 @@ def _walk(view: mmap.mmap) -> _Records:
 
 
 def _parse_record(view: mmap.mmap, at: int, found: _Records) -> int | None:
-    """Note what the record at `at` says, if it is consistent; returns its length with its head, else None."""
+    """Add the record at `at` to `found` if it is consistent; return its length with header, else None."""
     size = len(view)
     if at + _HEAD.size > size:
         return None
@@ -937,7 +942,7 @@ def _parse_record(view: mmap.mmap, at: int, found: _Records) -> int | None:
 
 
 def _is_chunk(view: mmap.mmap, body: int, length: int) -> bool:
-    """Whether the lengths in the head of a chunk agree."""
+    """Whether the lengths in the header of a chunk agree."""
     if length < _CHUNK_HEAD.size + _PACKED.size:
         return False
     letters = int(_CHUNK_HEAD.unpack_from(view, body)[4])
@@ -950,7 +955,7 @@ def _is_chunk(view: mmap.mmap, body: int, length: int) -> bool:
 
 
 def _is_head(view: mmap.mmap, at: int) -> bool:
-    """Whether a record can begin at `at`, or the file end."""
+    """Whether a record can begin, or the file can end, at `at`."""
     size = len(view)
     if at == size or (at == size - len(MAGIC) and view[at:] == MAGIC):
         return True
@@ -961,8 +966,7 @@ def _is_head(view: mmap.mmap, at: int) -> bool:
 
 
 def _find_record(view: mmap.mmap, at: int) -> tuple[int, int]:
-    """Where the next record that is consistent begins (the size of the file if there is none), and how many were
-    tried."""
+    """Offset of the next consistent record (the file size if there is none), and number of candidates tried."""
     tried, found = 0, _RESUME.search(view, at)
     while found is not None:
         tried += 1
@@ -973,7 +977,7 @@ def _find_record(view: mmap.mmap, at: int) -> tuple[int, int]:
 
 
 def _release_memory(view: mmap.mmap, first: int, last: int) -> int:
-    """Have the system forget the pages of `view` from `first` up to `last`, where it can; returns where it ended."""
+    """Release mapped pages of `view` from `first` to `last` if the system supports it; return their end."""
     end = last // mmap.PAGESIZE * mmap.PAGESIZE
     if hasattr(mmap, "MADV_DONTNEED"):
         view.madvise(mmap.MADV_DONTNEED, first, end - first)
@@ -981,6 +985,6 @@ def _release_memory(view: mmap.mmap, first: int, last: int) -> int:
 
 
 def _steps(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n - 1,) from the last row of each chunk to the first of the next, in rows."""
+    """Steps from the last row of each chunk to the first of the next, shape (n - 1,) [rows]."""
     steps: NDArray[np.int64] = (numbers[1:, 0] - numbers[:-1, 1]) % 2**32
     return steps

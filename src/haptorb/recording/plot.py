@@ -1,4 +1,4 @@
-"""A recording as a figure: commanded and actual force (or torque), energy, currents, temperatures, lateness."""
+"""Plot of a recording: commanded and actual force (or torque), energy, currents, temperatures, lateness."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["plot", "thin_curve"]
 
-#: Okabe and Ito's colours: distinguished with any colour vision
+#: Okabe-Ito palette, distinguishable with colour-vision deficiencies
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _INK, _FAINT = "#222222", "#888888"
 _KELVIN = 273.15
@@ -35,11 +35,11 @@ _FIELDS = (
     "missed",
     "guard",
 )
-_POINTS = 4000  #: per curve; more are joined so that no peak is lost
+_POINTS = 4000  #: per curve; `thin_curve` reduces longer curves and preserves their peaks
 
 
 class Fields(Protocol):
-    """What is plotted of a recording."""
+    """Interface to a recording that is plotted."""
 
     path: Path
     fields: tuple[Field, ...]
@@ -51,20 +51,20 @@ class Fields(Protocol):
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """The device, the run and the versions."""
+        """Metadata records by name: device, run, versions and others."""
 
     def require(self, *names: str) -> None:
-        """RecordingError unless all these fields are there, as wide as today."""
+        """Raise RecordingError unless all these fields exist with their present widths."""
 
     def __getitem__(self, name: str) -> FieldColumn:
-        """A field of all ticks, shape (n, width), or (n,) where the width is 1."""
+        """The field `name` over all ticks, shape (n, width), or (n,) if the width is 1, in its unit [SI]."""
 
     def __len__(self) -> int:
-        """Rows recorded."""
+        """Number of recorded rows."""
 
 
 def plot(recording: Fields, path: str | Path | None = None) -> Figure:
-    """The figure; written to `path` if one is given.
+    """Plot a recording; the figure is also written to `path` if one is given.
 
     Raises RecordingError if the recording has no rows, or if the figure cannot be written.
     """
@@ -104,9 +104,9 @@ def plot(recording: Fields, path: str | Path | None = None) -> Figure:
 
 
 def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
-    """Asked dashed, given solid; where the given force is unknown, the controller's own model replaces it.
+    """Plot the commanded force (dashed) and the actual one (solid), by the controller model if the latter is unknown.
 
-    The force; of a device that gave and was asked for none, the torque.
+    Plots the torque instead if both forces are always zero and a torque was commanded.
     """
     given, label = recording["wrench_actual"], "actual"
     if not np.isfinite(given).any():
@@ -123,7 +123,10 @@ def _wrench(axes: Axes, recording: Fields, t: Array) -> None:
 
 
 def _energy(axes: Axes, recording: Fields, t: Array) -> None:
-    """What the hand was given, and where damping was injected because sampling and delay had made energy."""
+    """Plot the energy delivered to the hand; mark ticks with injected damping and ticks with a softened world.
+
+    Damping is injected where sampling and delay have generated energy.
+    """
     if not {"energy", "injected"} <= {field.name for field in recording.fields}:  # an older recording
         return
     axes.plot(*thin_curve(t, 1e3 * recording["energy"]), color=_COLOURS[0], linewidth=1.1, label="given to the hand")
@@ -145,10 +148,10 @@ def _currents(axes: Axes, recording: Fields, t: Array) -> None:
 
 
 def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
-    """Windings solid (observed), boundaries dotted (measured)."""
+    """Plot winding temperatures (solid, estimated) and boundary temperatures (dotted, measured)."""
     for i, values in enumerate(
         _columns(np.asarray(recording["boundary"]))
-    ):  # first: their noise must not hide the windings
+    ):  # drawn first, so that their noise does not hide the windings
         axes.plot(*thin_curve(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
     columns = _columns(np.asarray(recording["winding"]))
     for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
@@ -170,7 +173,7 @@ def _lateness(axes: Axes, recording: Fields, t: Array) -> None:
 
 
 def _draw_trips(axes: Axes, recording: Fields, t: Array) -> None:
-    """A line wherever the guard switched off."""
+    """Draw a vertical line at each trip of the guard."""
     tripped = recording["guard"] == 4
     begins = np.flatnonzero(tripped & ~np.concatenate(([False], tripped[:-1])))
     for at in t[begins[:50]]:
@@ -186,19 +189,21 @@ def _legend(axes: Axes) -> None:
 
 
 def _coil_names(recording: Fields, count: int) -> list[str]:
-    """Coil names, without formulae for matplotlib."""
+    """Coil names with `$` escaped, which would begin a formula in matplotlib."""
     return [name.replace("$", r"\$") for name in coil_names(recording.metadata, count)]
 
 
 def _columns(values: Array) -> Array:
-    """(m, n) from (n, m), or from (n,) where there is one channel."""
+    """Transpose (n, m) to (m, n); (n,) of a single channel becomes (1, n)."""
     columns: Array = np.atleast_2d(values.T)
     return columns
 
 
 def thin_curve(t: Array, values: Array) -> tuple[Array, Array]:
-    """The curve `values` (n,) over `t` (n,) [s] itself, or, where it has more points than a figure can show, lowest and
-    highest of each interval; each in its original unit [SI]."""
+    """Reduce the curve `values` (n,) over `t` (n,) [s] to the minimum and maximum of each interval, in its unit [SI].
+
+    A curve that is short enough for the figure is returned unchanged.
+    """
     stretch = -(-len(t) // (_POINTS // 2))
     if stretch < 2:
         return t, values

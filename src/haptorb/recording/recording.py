@@ -1,4 +1,4 @@
-"""A recording as arrays, even if it was truncated; a long one is read in pieces."""
+"""Reading of recordings as arrays, including truncated ones; long files are read on demand."""
 
 from __future__ import annotations
 
@@ -46,28 +46,31 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The memory of worlds in a recording: numbers of the rows by the names of each world's fields.
+# Memory of worlds in a recording: assigns the memory numbers of the rows to the named fields of each world.
 
 
 def split_memory(numbers: Array, changes: Array, worlds: Sequence[Mapping[str, str]]) -> dict[str, Array]:
-    """World and field → its numbers in all ticks, (n, ...) in the field's unit [SI]; NaN in ticks of other worlds.
+    """Split memory into "world.field" → values in all ticks, (n, ...), in the field's unit [SI].
 
-    numbers (n, room) are the rows' memory, changes (n,) the number of the world in each of these ticks, worlds the
-    notes of all. A field for which rows had no room is left out. Raises RecordingError for a note of a world that
-    haptorb did not write.
+    numbers  (n, room) memory of the rows, each number in the unit of its field [SI]
+    changes  (n,) number of the world in each tick
+    worlds   metadata records of all worlds
+
+    Values are NaN in ticks of other worlds. A field for which the rows have no room is left out. Raises RecordingError
+    for a metadata record that haptorb did not write.
     """
     found: dict[str, Array] = {}
     for change, name, fields in _list_fields(worlds):
         rows = changes == change
         for key, shape, place in _place_fields(name, fields, numbers.shape[1]):
             values = found.setdefault(key, np.full((len(numbers), *shape), np.nan))
-            if values.shape[1:] == shape:  # a file that was saved again may have changed it
+            if values.shape[1:] == shape:  # a new version of a world's file may have another shape
                 values[rows] = numbers[rows, place].reshape(-1, *shape)
     return found
 
 
 def memory_columns(worlds: Sequence[Mapping[str, str]], room: int) -> tuple[Field, ...]:
-    """One Field [SI] for each that `split_memory` finds in rows with `room` numbers of memory."""
+    """The Field [SI] of each array that `split_memory` returns for rows with `room` numbers of memory."""
     units: dict[str, str] = memory_units(worlds)
     found: dict[str, Field] = {}
     for _, name, fields in _list_fields(worlds):
@@ -79,7 +82,7 @@ def memory_columns(worlds: Sequence[Mapping[str, str]], room: int) -> tuple[Fiel
 def _place_fields(
     world: str, fields: Sequence[Mapping[str, Any]], room: int
 ) -> Iterator[tuple[str, tuple[int, ...], slice]]:
-    """(key, shape, numbers) of the fields for which there is room."""
+    """(key, shape, slice of the memory) of each field for which there is room."""
     start = 0
     for field in fields:
         shape = tuple(field["shape"])
@@ -90,7 +93,7 @@ def _place_fields(
 
 
 def memory_units(worlds: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """World and field → unit [SI], of the notes of all `worlds` of a recording."""
+    """Unit [SI] of each "world.field", from the metadata records of all `worlds` of a recording."""
     return {
         _name_column(name, field): foreign_text(field["unit"], 40)
         for _, name, fields in _list_fields(worlds)
@@ -99,7 +102,7 @@ def memory_units(worlds: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 
 def _name_column(world: str, field: Mapping[str, Any]) -> str:
-    """Of tables and archives: the recording may be anybody's."""
+    """Column name "world.field", sanitised because recordings are untrusted."""
     return f"{foreign_name(world)}.{foreign_name(field['name'])}"  # safety: foreign-column
 
 
@@ -117,7 +120,7 @@ def _list_fields(worlds: Sequence[Mapping[str, str]]) -> Iterator[tuple[int, str
 
 
 def _check_fields(fields: Sequence[Mapping[str, Any]]) -> None:
-    """Raise ValueError for a field that no memory has: another program may have written the file."""
+    """Raise ValueError for an invalid memory field: another program may have written the file."""
     for field in fields:
         if not isinstance(field["name"], str) or not isinstance(field["unit"], str):
             raise ValueError("name and unit must be texts")
@@ -131,13 +134,13 @@ def _check_fields(fields: Sequence[Mapping[str, Any]]) -> None:
 # Summary of a recording: one line, a table of facts, and a plot of the force.
 
 
-_TRIPPED = 4  #: state of the guard
-_PARTS = 5  #: damaged parts that are described one by one
+_TRIPPED = 4  #: guard state `tripped`
+_PARTS = 5  #: damaged parts that are described individually
 _CUT = "missing: the file is truncated (the recorder was killed, or still writes)"
 
 
 class Summarized(Protocol):
-    """The summary of a recording."""
+    """Interface to a recording that is summarised."""
 
     path: Path
     fields: tuple[Field, ...]
@@ -148,33 +151,33 @@ class Summarized(Protocol):
 
     @property
     def checked(self) -> bool:
-        """Whether all rows were compared with their checksums."""
+        """Whether the checksums of all rows have been verified."""
 
     @property
     def programs(self) -> list[dict[str, str]]:
-        """The programs that commanded."""
+        """Programs that commanded the device through a server."""
 
     @property
     def lost(self) -> int:
-        """Rows that the recorder could not fetch in time."""
+        """Number of rows that the recorder could not fetch in time."""
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """The device, the run and the versions."""
+        """Metadata records by name: device, run, versions and others."""
 
     @property
     def worlds(self) -> list[dict[str, str]]:
-        """The worlds that were rendered."""
+        """Rendered worlds, in order."""
 
     def __getitem__(self, name: str) -> FieldColumn:
-        """A field of all ticks, shape (n, width), or (n,) where the width is 1, in the field's own unit [SI]."""
+        """The field `name` over all ticks, shape (n, width), or (n,) if the width is 1, in its unit [SI]."""
 
     def __len__(self) -> int:
-        """Rows recorded."""
+        """Number of recorded rows."""
 
 
 def summarize(recording: Summarized) -> str:
-    """File, device, length, and what is wrong with it, in one line."""
+    """One-line summary: file, device, duration, rows, trips, and damage."""
     device = foreign_text(recording.metadata.get("device", {}).get("name", "unknown device"), 60)
     wrong = [f"{_count(lost, 'row')} lost"] if (lost := _count_lost_rows(recording)) else []
     wrong += [f"damaged: {_count_missing(recording.missing)}"] if recording.damage else []
@@ -190,9 +193,9 @@ def summarize(recording: Summarized) -> str:
 
 
 def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tuple[str, str]]:
-    """Names and figures with units: what ran, how long, how well, and the largest force.
+    """(name, text with unit) of the facts about a run: device, worlds, duration, peak values, timing, damage.
 
-    whole: look at every tick for the latter; by default only at those of a recording that is not long.
+    whole: whether to evaluate all ticks for peak values and timing; by default, unless the recording is long.
     """
     device, run = recording.metadata.get("device", {}), recording.metadata.get("run", {})
     seconds, rows = duration_of(recording), len(recording)
@@ -220,7 +223,7 @@ def list_facts(recording: Summarized, *, whole: bool | None = None) -> list[tupl
 
 
 def _describe_program(program: Mapping[str, str]) -> str:
-    """Name and times on the loop's clock.
+    """Program name, and its start and end on the loop's clock.
 
     >>> _describe_program({"name": "demo", "start_s": "0.5", "end_s": "2.25", "end": "exited"})
     'demo from 0.5 s to 2.25 s (exited)'
@@ -230,7 +233,7 @@ def _describe_program(program: Mapping[str, str]) -> str:
 
 
 def list_losses(recording: Summarized) -> list[str]:
-    """What is missing of the recording because its file is damaged or cut, a sentence each."""
+    """List the losses of a damaged or truncated recording, one sentence each."""
     if not recording.truncated:
         return list(recording.damage)
     last = recording.missing[-1:]
@@ -243,8 +246,12 @@ def list_losses(recording: Summarized) -> list[str]:
 def describe_damage(
     missing: Sequence[MissingRows], harmless: Sequence[tuple[int, int]], notes: Sequence[str], first: float
 ) -> tuple[str, ...]:
-    """What cannot be read, a sentence each: the rows of `missing`, with times after the `first` tick [s], `notes` by
-    their names, and bytes (first, end) of which no row is missing.
+    """Describe the unreadable parts of a recording, one sentence each.
+
+    missing   missing rows
+    harmless  unreadable byte ranges (first, end) in which no row is missing
+    notes     names of unreadable metadata records
+    first     time of the first tick, from which stated times are counted [s]
 
     >>> describe_damage([MissingRows(20, 14, 3.02, 3.035)], [], ["run"], 3.0)
     ('14 rows are missing between 0.02 s and 0.035 s: the file is damaged there', "the note 'run' cannot be read")
@@ -269,7 +276,7 @@ def _place(one: MissingRows, first: float) -> str:
 
 
 def _count_missing(missing: Sequence[MissingRows]) -> str:
-    """How many rows, as far as is known, with the verb."""
+    """Number of missing rows, as far as known, as a clause with its verb."""
     known = sum(one.rows for one in missing if one.rows is not None)
     if all(one.rows is not None for one in missing):
         return f"{_count(known, 'row')} {'is' if known == 1 else 'are'} missing"
@@ -280,9 +287,9 @@ _WRENCHES = ("commanded", "actual")
 
 
 def draw_force(recording: Summarized) -> str:
-    """The size of commanded and actual force [N] over time [s], as SVG; of a device without forces the torque [N·m].
+    """SVG plot of the magnitudes of commanded and actual force [N] (torque [N·m] if all forces are zero) over time [s].
 
-    Empty without rows, and for a long recording: `plot` draws it.
+    Empty for a long recording, which `plot` draws, and without the necessary rows and fields.
     """
     known = {field.name for field in recording.fields}
     if recording.long or not {"t", "wrench_commanded", "wrench_actual"} <= known or len(recording) < 2:
@@ -300,9 +307,9 @@ def draw_force(recording: Summarized) -> str:
 
 
 def measure_run(recording: Summarized) -> dict[str, float]:
-    """Largest values and counts over all ticks, the unit [SI] at the end of each name; of the fields that are there.
+    """Peak values and counts over all ticks, for the recorded fields; each name ends with its unit [SI].
 
-    NaN for what no tick contains.
+    NaN for a quantity without a finite value.
     """
     known = {field.name for field in recording.fields}
     found = {}
@@ -357,7 +364,7 @@ def _size(vectors: Array) -> Array:
 
 
 def _largest(values: Array) -> float:
-    """Of what is finite; NaN where nothing is."""
+    """Largest finite value; NaN if there is none."""
     known = values[np.isfinite(values)]
     return float(known.max()) if known.size else float("nan")
 
@@ -371,7 +378,7 @@ def duration_of(recording: Summarized) -> float:
 
 
 def _count_trips(recording: Summarized) -> int:
-    """How many times the guard switched off."""
+    """Number of trips of the guard."""
     if "guard" not in {field.name for field in recording.fields} or not len(recording):
         return 0
     off = np.asarray(recording["guard"]) == _TRIPPED
@@ -396,8 +403,8 @@ def _name_world(note: dict[str, str]) -> str:
         return ""
 
 
-_HEAD_BYTES = 256 * 1024  #: bytes by which a file of another kind is recognised
-_WHOLE = 32 * 1024 * 1024  #: bytes of a file that is read, and checked, at once when it is opened
+_HEAD_BYTES = 256 * 1024  #: bytes read to recognise a file of another kind
+_WHOLE = 32 * 1024 * 1024  #: largest file that is read and verified at once [bytes]
 
 
 @final
@@ -415,7 +422,7 @@ class Recording:
     Raises
     ------
     RecordingError
-        If the file is missing, is no MCAP file, or has no rows of haptorb.
+        If the file is missing, is not an MCAP file, or contains no haptorb rows.
 
     Warns
     -----
@@ -424,22 +431,22 @@ class Recording:
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Read the file. Raises RecordingError if it is not there, is no MCAP file, or holds no haptorb rows.
+        """Open the file. Raises RecordingError if it is missing, is not an MCAP file, or contains no haptorb rows.
 
-        Warns, with a RecordingWarning, if rows are missing because the file is damaged. All rows of a file of up to
-        32 MiB are checked now, those of a longer one by `check`.
+        Emits a RecordingWarning if rows are missing because the file is damaged. The checksums of a file of up to
+        32 MiB are verified now, those of a longer one by `check`.
         """
         self.path = Path(path)
         with _open_file(self.path) as file, self._explain():
             size = os.fstat(file.fileno()).st_size
             self._reader = reader = McapReader(self.path)
-            self.truncated = reader.truncated  #: the file has no end: the recorder was killed, or still writes
+            self.truncated = reader.truncated  #: the file's end is missing: the recorder was killed or still writes
             self.notes = reader.notes  #: every metadata record: (name, values), in order
-            self.fields = reader.fields  #: as the file's own schema describes them
+            self.fields = reader.fields  #: from the schema in the file
             if not self.fields:
                 cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
                 raise RecordingError(f"not a haptorb recording: {cut}")
-            self.long = size > _WHOLE  #: rows are read from the file on request
+            self.long = size > _WHOLE  #: rows are read from the file on demand
             self._whole: Array | None = None
             if not self.long:
                 parts: list[Array] = []
@@ -454,16 +461,16 @@ class Recording:
 
     @property
     def checked(self) -> bool:
-        """Whether all rows were compared with their checksums: those of a long file are by `check`."""
+        """Whether the checksums of all rows have been verified; `check` verifies those of a long file."""
         return self._reader.checked
 
     def check(
         self, first: int = 0, last: int | None = None, report: Callable[[float], None] = lambda share: None
     ) -> bool:
-        """Compare rows with their checksums.
+        """Verify the checksums of rows.
 
-        Damaged rows are then left out: later rows have lower numbers, and `missing`, `damage` and a RecordingWarning
-        state where rows are missing. A file of up to 32 MiB was checked when it was opened.
+        Damaged rows are then excluded: the indices of later rows decrease, and `missing`, `damage` and a
+        RecordingWarning state where rows are missing. A file of up to 32 MiB is verified when it is opened.
 
         Parameters
         ----------
@@ -472,7 +479,7 @@ class Recording:
         last : int, optional
             Row after the last one; None: to the end.
         report : callable
-            Receives the share that is done, 0 to 1.
+            Called with the completed fraction, 0 to 1.
 
         Returns
         -------
@@ -491,28 +498,28 @@ class Recording:
 
     @property
     def channel(self) -> int:
-        """Number of the channel of the rows in the file."""
+        """MCAP channel ID of the rows."""
         return self._reader.channel
 
     def list_contents(self) -> Iterator[list[Any]]:
-        """Schemas, channels and messages of all topics, chunk by chunk, as far as they are undamaged."""
+        """Iterate over the undamaged chunks: schemas, channels and messages of all topics."""
         return self._reader.list_contents()
 
     def _note_damage(self) -> None:
-        """State what is missing, as far as it is known, and warn of what was not known before."""
+        """Update `missing` and `damage`, and emit a warning for new damage."""
         before = getattr(self, "damage", ())
         with self._explain():
             missing, harmless = self._reader.list_missing()
-        self.missing: tuple[MissingRows, ...] = tuple(missing)  #: rows that cannot be read, as far as is known
+        self.missing: tuple[MissingRows, ...] = tuple(missing)  #: unreadable rows, as far as known
         inside = [one for one in missing if not (self.truncated and one.row == len(self))]
-        self.damage = describe_damage(  #: what cannot be read though the file goes on after it, a sentence each
+        self.damage = describe_damage(  #: unreadable parts, without a truncated end, one sentence each
             inside, harmless, self._reader.lost_notes, self._read_time(0)
         )
         if self.damage and self.damage != before:
             warnings.warn(f"{self.path}: {'; '.join(self.damage)}", RecordingWarning, stacklevel=3)
 
     def _read_time(self, row: int) -> float:
-        """On the loop's clock [s]; 0 where there is none."""
+        """Time of row `row` on the loop's clock [s]; 0 if it cannot be read."""
         try:
             return float(self["t"][row])
         except (RecordingError, UnknownName, IndexError):
@@ -520,7 +527,7 @@ class Recording:
 
     @contextmanager
     def _explain(self) -> Iterator[None]:
-        """Name the file in what is wrong with it."""
+        """Convert errors in the context to RecordingErrors that name the file."""
         try:
             yield
         except RecordingError as cause:
@@ -533,13 +540,13 @@ class Recording:
             raise RecordingError(f"cannot read {self.path}: {cause.strerror}") from cause
 
     def __len__(self) -> int:
-        """Rows recorded."""
+        """Number of recorded rows."""
         return len(self._reader) if self._whole is None else len(self._whole)
 
     def __getitem__(self, name: str) -> FieldColumn:
-        """A field of all ticks, shape (n, width), or (n,) where the width is 1. UnknownName if there is no such.
+        """The field `name` over all ticks, shape (n, width), or (n,) if the width is 1. Raises UnknownName.
 
-        `recording["p"][a:b]` reads no more of a long file than these ticks.
+        `recording["p"][a:b]` reads only these ticks of a long file.
         """
         name = resolve_name(name)
         if name not in self._at:
@@ -587,7 +594,7 @@ class Recording:
 
     @cached_property
     def columns(self) -> tuple[Field, ...]:
-        """The fields of a table: those of the row, and those of worlds' memories, such as `ball.place`."""
+        """Fields of an exported table: those of the row, and those of the worlds' memory, such as `ball.place`."""
         if "memory" not in self._at:
             return self.fields
         at = self._at["memory"]
@@ -601,9 +608,9 @@ class Recording:
 
     @cached_property
     def rows(self) -> Array:
-        """(n, width) all numbers of all ticks, bit for bit, in the units of their fields; damaged ones are left out.
+        """All undamaged rows, shape (n, width), bit for bit as recorded, in the units of their fields.
 
-        Raises RecordingError if they need more memory than there is.
+        Raises RecordingError if they do not fit into memory.
         """
         self.check()
         try:
@@ -613,23 +620,25 @@ class Recording:
 
     @property
     def t(self) -> FieldColumn:
-        """(n,) time on the loop's clock [s]."""
+        """Time on the loop's clock, shape (n,) [s]."""
         return self["t"]
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The last metadata record of every name, without its 'haptorb/': device, run, versions, clock, layout, end."""
+        """Last metadata record of each name, without its 'haptorb/': device, run, versions, clock, layout, end."""
         return {name.removeprefix("haptorb/"): values for name, values in self.notes}
 
     @property
     def worlds(self) -> list[dict[str, str]]:
-        """The worlds in order: change (number), tick (approximate), world (JSON)."""
+        """Rendered worlds, in order: change (number), tick (approximate), world (JSON)."""
         return [values for name, values in self.notes if name == "haptorb/world"]
 
     @cached_property
     def memory(self) -> dict[str, Array]:
-        """Memory of worlds: `memory["ball.place"]` is the field `place` of the world `ball` in all
-        ticks, shape (n, 3), or (n,) for a single number; NaN in ticks of other worlds."""
+        """Memory of the worlds in all ticks, by "world.field"; NaN in ticks of other worlds.
+
+        `memory["ball.place"]` is the field `place` of the world `ball`, shape (n, 3); (n,) for a single number.
+        """
         if "memory" not in self._at:
             return {}
         self.check()
@@ -638,7 +647,7 @@ class Recording:
 
     @property
     def memory_units(self) -> dict[str, str]:
-        """The unit of each field of `memory`."""
+        """Unit of each field of `memory`."""
         return memory_units(self.worlds)
 
     @property
@@ -648,21 +657,24 @@ class Recording:
 
     @property
     def programs(self) -> list[dict[str, str]]:
-        """Programs that commanded through a server, in order: server, name, session (as in the rows), start_s and end_s
-        on the loop's clock [s], and how it ended; end_s empty: it commanded to the end."""
+        """Programs that commanded the device through a server, in order.
+
+        Keys: server, name, session (as in the rows), start_s and end_s on the loop's clock [s], and end (how the
+        program ended). An empty end_s means that the program commanded to the end of the recording.
+        """
         found = {(one.get("server"), one.get("session")): one for name, one in self.notes if name == "haptorb/program"}
         return list(found.values())
 
     @property
     def lost(self) -> int:
-        """Rows that the recorder lost. RecordingError if the file states no number."""
+        """Number of rows that the recorder lost. Raises RecordingError if the file states an invalid number."""
         return sum(self._parse_count(values, "rows") for name, values in self.notes if name == "haptorb/gap")
 
     @property
     def layout(self) -> RowLayout:
-        """The layout of `rows`. Raises RecordingError if another version of haptorb wrote another layout."""
+        """Layout of `rows`. Raises RecordingError if the file has the layout of another version of haptorb."""
         noted = self.metadata.get("layout", {})
-        # rows without a note of contacts had two, of any device; those without one of memory had none
+        # older recordings: without a count of contacts, two on any device; without one of memory, none
         without = {"channels": 0, "sensors": 0, "contacts": 2, "memory": 0}
         layout = RowLayout(*(self._parse_count(noted, key) if key in noted else n for key, n in without.items()))
         mine = [(field.name, field.width) for field in layout.fields if field.width]
@@ -671,7 +683,7 @@ class Recording:
         return layout
 
     def require(self, *names: str) -> None:
-        """Check that the recording has given fields, as wide as this version of haptorb writes them.
+        """Check that the recording has the given fields, with the widths that this version of haptorb writes.
 
         Fields of coils, sensors, contacts and memory may have any width.
 
@@ -701,9 +713,10 @@ class Recording:
         return int(text)
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write all rows as text, one column per number, headed `p[0] [m]` as in the console's CSV, every digit kept.
+        """Write all rows to a CSV file, one column per number, without rounding.
 
-        UTF-8. The file is written completely or not at all.
+        The headings, such as `p[0] [m]`, are those of the console's CSV. Encoding: UTF-8. The file is written
+        atomically.
 
         Parameters
         ----------
@@ -787,7 +800,7 @@ class Recording:
 
 @contextmanager
 def _open_file(path: Path) -> Iterator[BinaryIO]:
-    """The file, if it begins like MCAP."""
+    """Open the file at `path`. Raises RecordingError unless it begins with the MCAP magic bytes."""
     with open_regular(path, "recording", RecordingError) as file:
         head = file.read(len(MAGIC))
         if not is_mcap(head):

@@ -19,7 +19,7 @@ __all__ = ["check_place", "repair_recording"]
 
 
 def check_place(source: Path, out: Path, *, overwrite: bool) -> None:
-    """Raise RecordingError unless `out` can be written, and is another file than `source`."""
+    """Raise RecordingError unless `out` can be written and is not the file `source`."""
     try:
         if out.exists() and source.exists() and out.samefile(source):  # safety: repair-keeps-input
             raise RecordingError(f"{out} is the recording itself: choose another name for the repaired one")
@@ -35,8 +35,10 @@ def check_place(source: Path, out: Path, *, overwrite: bool) -> None:
 def repair_recording(
     recording: Recording, out: Path, report: Callable[[float], None] = lambda share: None, *, overwrite: bool = False
 ) -> None:
-    """Write the rows of `recording`, with their times and numbers, the messages of other topics, and the notes that can
-    be read to `out`, whole or not at all; its note "haptorb/repair" states the losses. `report` gets the share done.
+    """Copy the readable rows, messages of other topics and metadata records of `recording` to `out`, atomically.
+
+    Times and sequence numbers are kept. The metadata record "haptorb/repair" of `out` states the losses. `report`
+    receives the completed fraction.
 
     Raises RecordingError if `out` is the recording itself, exists and `overwrite` is not set, or cannot be written.
     """
@@ -77,7 +79,7 @@ def _copy_messages(recording: Recording, writer: Writer, report: Callable[[float
 
     for number, contents in enumerate(recording.list_contents()):
         if number == 0:
-            # The fields that were found to be right, whichever of their copies is damaged.
+            # The fields that the reader has determined; one of the schema's copies in the file may be damaged.
             schema = writer.register_schema(NAME, ENCODING, describe_fields(recording.fields).encode())
             channels[recording.channel] = writer.register_channel(TOPIC, MESSAGE_ENCODING, schema)
         for one in contents:

@@ -1,8 +1,8 @@
-"""One tick as one flat row of float64: the layout that servo, recorder, replay and console share.
+"""Layout of one tick as a flat row of float64, shared by servo, recorder, replay and console.
 
-A flat row costs a third of a microsecond to publish; structured fields cost seven times that. `RowLayout.fields` is the
-only description of it: what fills a row and what counts it find their places in `RowLayout.places`, which has a field
-for each name; recordings carry the names as their schema, and the documentation its table.
+Publishing a flat row takes a third of a microsecond, structured fields seven times that. `RowLayout.fields` is the only
+description of the row: code that writes or evaluates rows takes the indices from `RowLayout.places`, recordings store
+the fields as their schema, and the documentation generates a table of them.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from haptorb.errors import UnknownName
 __all__ = ["EARLIER_NAMES", "MEMORY_ROOM", "STAGES", "Field", "FieldColumn", "LatestRow", "RowLayout", "resolve_name"]
 
 
-#: numbers of a world's memory for which every row has room; a servo that is given a world with more has more
+#: minimum room for a world's memory in a row [numbers]; a servo whose world needs more has longer rows
 MEMORY_ROOM = 32
 
-#: the stages of a tick, in order; each has its own time in the row
+#: stages of a tick, in order; a row contains the time spent in each
 STAGES = ("read", "estimate", "world", "allocate", "guard", "write", "record")
 
 
-#: names of fields before 0.2.0 → names now: recordings, layouts and rows accept both
+#: field names before version 0.2.0 → present names; recordings, layouts and rows accept both
 EARLIER_NAMES: Mapping[str, str] = MappingProxyType(
     {
         "target": "hand_goal", "target_q": "hand_goal_q", "asked": "wrench_commanded", "modelled": "wrench_model",
@@ -45,7 +45,7 @@ EARLIER_NAMES: Mapping[str, str] = MappingProxyType(
 
 
 def resolve_name(name: str, stacklevel: int = 3) -> str:
-    """Return today's name of the field `name`; a remark (DeprecationWarning) for one of `EARLIER_NAMES`.
+    """Return the present name of the field `name`; emit a DeprecationWarning for one of `EARLIER_NAMES`.
 
     >>> resolve_name("p")
     'p'
@@ -59,7 +59,7 @@ def resolve_name(name: str, stacklevel: int = 3) -> str:
 
 @dataclass(frozen=True)
 class Field:
-    """One named part of the row: `width` numbers in `unit`."""
+    """One field of a row: `width` numbers in `unit`."""
 
     name: str
     width: int
@@ -69,8 +69,10 @@ class Field:
 
 @dataclass(frozen=True)
 class RowLayout:
-    """Layout of a row with `channels` coils, `sensors` field sensors, and room for `contacts` and for `memory`
-    numbers of a world."""
+    """Layout of a row with `channels` coils, `sensors` field sensors, `contacts` contacts, `memory` numbers of memory.
+
+    The memory is the state of a world, in the order of its fields.
+    """
 
     channels: int
     sensors: int
@@ -79,7 +81,7 @@ class RowLayout:
 
     @classmethod
     def of(cls, device: Device, memory: int = MEMORY_ROOM) -> RowLayout:
-        """The layout for `device`, with room for `memory` numbers, and never less than `MEMORY_ROOM`."""
+        """Layout for `device`, with room for `memory` numbers of memory, at least `MEMORY_ROOM`."""
         return cls(device.channels, device.sensors, device.kind.contacts, max(memory, MEMORY_ROOM))
 
     @cached_property
@@ -153,7 +155,7 @@ class RowLayout:
             ),
             Field("injected", 1, "N·s/m", "damping added because the balance was negative"),
             Field("softened", 1, "1", "share of the world's wrench taken away because the loop went on oscillating"),
-            # what the driver read and wrote, and what was commanded: a replay needs nothing else
+            # inputs and outputs of the driver, and commands: a replay needs no other fields
             Field(
                 "duty_commanded", m, "1", "duties commanded by the drive, before the driver's clipping and quantisation"
             ),
@@ -188,7 +190,7 @@ class RowLayout:
             Field("gripper", 1, "m", "measured opening of the device's gripper; NaN: it has none"),
             Field("gripper_v", 1, "m/s", "measured rate of that opening"),
             Field("gripper_force", 1, "N", "force of the gripper between thumb and finger, positive to open"),
-            # the last: a shorter row is filled as far as it reaches
+            # the last field: a shorter row is filled up to its length
             Field("memory", self.memory, "SI", "memory of the world; the metadata of the world have names and units"),
         )
 
@@ -202,7 +204,7 @@ class RowLayout:
 
     @cached_property
     def places(self) -> Records:
-        """(1,) a record of the indices [1] at which the fields begin, each under its name, for compiled code.
+        """Index [1] of the first number of each field, as a record array (1,) for compiled code.
 
         >>> int(RowLayout(channels=3, sensors=0).places["p"][0])
         20
@@ -214,7 +216,7 @@ class RowLayout:
 
     @cached_property
     def width(self) -> int:
-        """Numbers in a row."""
+        """Length of a row."""
         return sum(field.width for field in self.fields)
 
     def __getitem__(self, name: str) -> slice:
@@ -227,13 +229,13 @@ class RowLayout:
         return self._slices[resolve_name(name)] if found is None else found
 
     def empty(self) -> Array:
-        """A row of NaN, shape (width,); the unit of a number, [m] of `p`, [A] of `currents`, is that of its field."""
+        """A row of NaN, shape (width,); each number has the unit of its field, such as [m] for `p`."""
         return np.full(self.width, np.nan)
 
 
 @cache
 def _make_place_type(names: tuple[str, ...]) -> np.dtype[Any]:
-    """One object for all layouts: numba compares another one that says the same field by field in every call, 3 µs."""
+    """Record type of `RowLayout.places`, cached: numba compares an equal but distinct type field by field, in 3 µs."""
     return np.dtype([(name, np.int64) for name in names])
 
 
@@ -241,15 +243,14 @@ def _make_place_type(names: tuple[str, ...]) -> np.dtype[Any]:
 # One field of a recording, as an array that is read on access.
 
 
-Read = Callable[[int, int], Array]  #: (last − first, width) rows `first` up to `last` of the field
+Read = Callable[[int, int], Array]  #: rows `first` to `last` − 1 of a field, shape (last − first, width)
 
 
 @final
 class FieldColumn(NDArrayOperatorsMixin):
-    """A field of all ticks, shape (n, width), or (n,) where the width is 1.
+    """A field over all ticks, read on access: shape (n, width), or (n,) if the width is 1.
 
-    `column[a:b]` reads those ticks only. In arithmetic, in functions of NumPy and where one of an array's methods is
-    called, it is the whole array.
+    `column[a:b]` reads those ticks only. Arithmetic, NumPy functions and array methods read the whole array.
 
     >>> column = FieldColumn(lambda a, b: np.arange(a, b, dtype=float)[:, None], 1000, 1)
     >>> column[10:13].tolist(), float(column[-1]), column.shape, float((column + 1).max())
@@ -261,17 +262,17 @@ class FieldColumn(NDArrayOperatorsMixin):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """As of the whole array."""
+        """Shape of the whole array."""
         return (self._rows,) if self._width == 1 else (self._rows, self._width)
 
     @property
     def ndim(self) -> int:
-        """1 for single numbers, else 2."""
+        """1 if the width is 1, else 2."""
         return len(self.shape)
 
     @property
     def size(self) -> int:
-        """Numbers in all."""
+        """Number of elements."""
         return self._rows * self._width
 
     @property
@@ -280,11 +281,11 @@ class FieldColumn(NDArrayOperatorsMixin):
         return np.dtype(np.float64)
 
     def __len__(self) -> int:
-        """Ticks."""
+        """Number of ticks."""
         return self._rows
 
     def __getitem__(self, key: Any) -> Any:
-        """As of the whole array; a number or a slice of ticks reads no more than those between its ends."""
+        """Index like the whole array; an integer or a slice of ticks reads only the ticks between its ends."""
         ticks, rest = (key[0], key[1:]) if isinstance(key, tuple) and key else (key, ())
         if isinstance(ticks, int | np.integer) and not isinstance(ticks, bool):
             if not -self._rows <= ticks < self._rows:
@@ -301,11 +302,11 @@ class FieldColumn(NDArrayOperatorsMixin):
         return self._load(0, self._rows)[key]
 
     def __iter__(self) -> Iterator[Any]:
-        """Over ticks; the whole array is read once."""
+        """Iterate over ticks; the whole array is read once."""
         return iter(self._load(0, self._rows))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Sent elsewhere, it is the whole array: the file stays here."""
+        """Pickle the whole array, because the receiver may not have the file."""
         return np.array, (np.asarray(self),)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
@@ -320,13 +321,13 @@ class FieldColumn(NDArrayOperatorsMixin):
         return getattr(ufunc, method)(*(np.asarray(x) if isinstance(x, FieldColumn) else x for x in inputs), **others)
 
     def __getattr__(self, name: str) -> Any:
-        """A method or property of the whole array."""
+        """Method or property of the whole array."""
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(np.asarray(self), name)
 
     def __repr__(self) -> str:
-        """Its shape, and the first and last ticks."""
+        """Shape, and first and last ticks."""
         ends = np.concatenate((self[:2], self[-2:])) if self._rows else np.empty(0)
         shown = np.array2string(ends, threshold=12, precision=4)
         return f"<FieldColumn of shape {self.shape}, first and last ticks: {shown}>"
@@ -343,16 +344,16 @@ class FieldColumn(NDArrayOperatorsMixin):
 #: alternative name of a field → its name
 _ALSO = {"temperature": "winding"}
 _STATES = {"guard": GuardState, "trip": Trip, "coil_state": CoilState}
-_ICE = 273.15  #: [K]
+_ICE = 273.15  #: 0 °C [K]
 
 
 @final
 class LatestRow:
-    """One tick: `row.wrench_actual` or `row["wrench_actual"]`, in SI units; `row.units["wrench_actual"]` is the unit.
+    """Values of one tick in SI units, such as `row.wrench_actual` or `row["wrench_actual"]`.
 
-    A field with one number is a float, any other an array (width,). `row.temperature` is `row.winding`. `row.numbers`
-    holds all numbers in the order of the layout; a slice of the layout selects from it, as `row[layout["p"]]`.
-    `print(row)` shows every field with its unit.
+    A field with one number is a float, any other an array (width,). `row.units["wrench_actual"]` is the unit.
+    `row.temperature` is `row.winding`. `row.numbers` holds all numbers in the order of the layout; slices of the layout
+    index it, as in `row[layout["p"]]`. `print(row)` shows every field with its unit.
 
     >>> layout = RowLayout(channels=1, sensors=0)
     >>> row = LatestRow(layout, np.zeros(layout.width))
@@ -372,12 +373,12 @@ class LatestRow:
 
     @property
     def units(self) -> MappingProxyType[str, str]:
-        """The unit of every field by its name; "N, N·m": three numbers in newtons, three in newton metres."""
+        """Unit of each field, by name; "N, N·m": three numbers in newtons, three in newton metres."""
         units = {field.name: field.unit for field in self.layout.fields}
         return MappingProxyType(units | {also: units[name] for also, name in _ALSO.items()})
 
     def __getitem__(self, name: str | slice | int) -> Any:
-        """The field `name`, or numbers at places of the layout. Raises UnknownName if there is no such field."""
+        """The field `name`, or the numbers at an index or a slice. Raises UnknownName if there is no such field."""
         if not isinstance(name, str):
             return self.numbers[name]
         known = {field.name: field.width for field in self.layout.fields}
@@ -390,7 +391,7 @@ class LatestRow:
         return float(values[0]) if known[name] == 1 else values
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name in self.__slots__:  # what Python itself looks for
+        if name.startswith("_") or name in self.__slots__:  # special attributes that Python looks up
             raise AttributeError(name)
         try:
             return self[name]
@@ -426,7 +427,7 @@ class LatestRow:
         return facts if used else [(name, text) for name, text in facts if name != "memory"]
 
     def _format(self, name: str) -> str:
-        """The value of a field with its unit, and in words where it is a code."""
+        """Format the value of a field with its unit; for a state code, with its name."""
         value, unit = self[name], self.units[name]
         if name in _STATES:
             return f"{format_number(value)} ({_describe_state(name, value)})"
@@ -438,7 +439,7 @@ class LatestRow:
 
 
 def _describe_state(name: str, code: float) -> str:
-    """The code's name; `unknown` for a number that is none."""
+    """Name of the state `code`; `unknown` for an undefined code."""
     kind = _STATES[name]
     found = [one for one in kind if one.value == code]
     return found[0].name.lower().replace("_", " ") if found else "unknown"

@@ -1,10 +1,10 @@
-"""Snapshots of the loop's state in a recording: named arrays of fixed types, in two kinds of metadata.
+"""Snapshots of the loop's state in a recording: named arrays of fixed types, in two kinds of metadata records.
 
-`haptorb/state_layout`, once, before the first state: `arrays`, JSON, a list of [name, type, shape]. Types are `<f8`,
-`<i8` and `|b1`. `haptorb/state`: `tick`, after which it was so, and `arrays`: base64 of zlib of all arrays of the
-layout in turn, in C order and without gaps.
+`haptorb/state_layout` is written once, before the first snapshot. Its `arrays` is a JSON list of [name, type, shape];
+the types are `<f8`, `<i8` and `|b1`. `haptorb/state` is one snapshot: `tick` is the tick after which it was taken, and
+`arrays` is base64 of the zlib-compressed arrays in the order of the layout, C-contiguous and without padding.
 
-Recordings are untrusted: everything is checked before an array is made, and nothing but arrays is made.
+Recordings are untrusted: everything is checked before an array is created, and no other objects are created.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ __all__ = ["LAYOUT_NOTE", "STATE_NOTE", "describe_arrays", "pack_arrays", "unpac
 
 LAYOUT_NOTE: Final = "state_layout"
 STATE_NOTE: Final = "state"
-_MAX_STATE_BYTES: Final = 4_000_000  #: bytes of a state
-_ARRAYS: Final = 4096
-_TEXT: Final = 1_000_000  #: characters of a layout
+_MAX_STATE_BYTES: Final = 4_000_000  #: limit of the size of a snapshot [bytes]
+_ARRAYS: Final = 4096  #: limit of the number of arrays in a layout
+_TEXT: Final = 1_000_000  #: limit of the length of a layout [characters]
 _SIZES: Final = {"<f8": 8, "<i8": 8, "|b1": 1}
 
 
 def describe_arrays(arrays: Mapping[str, NDArray[Any]]) -> str:
-    """The layout of `arrays`, for the note."""
+    """Encode names, types and shapes of `arrays` for `haptorb/state_layout`."""
     return json.dumps([[name, one.dtype.str, list(one.shape)] for name, one in arrays.items()])
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> str:
-    """The numbers of `arrays`, for the note."""
+    """Encode the values of `arrays` for `haptorb/state`."""
     return b64encode(zlib.compress(b"".join(one.tobytes() for one in arrays.values()))).decode()
 
 
 def unpack_arrays(layout: str, text: str) -> dict[str, NDArray[Any]]:
-    """The arrays that `describe_arrays` and `pack_arrays` wrote, each number in its own unit.
+    """Decode the arrays from the texts that `describe_arrays` and `pack_arrays` wrote, in their original units.
 
-    Raises RecordingError for anything else.
+    Raises RecordingError for any other text.
     """
     try:
         entries = _read_layout(layout)
@@ -68,7 +68,7 @@ def unpack_arrays(layout: str, text: str) -> dict[str, NDArray[Any]]:
 
 
 def _read_layout(text: str) -> list[tuple[str, str, tuple[int, ...], int]]:
-    """Name, type, shape and bytes of each array. Raises ValueError."""
+    """Name, type, shape and size [bytes] of each array. Raises ValueError for an invalid layout."""
     if len(text) > _TEXT:
         raise ValueError("its layout is too long")
     raw = json.loads(text)
@@ -89,7 +89,7 @@ def _read_layout(text: str) -> list[tuple[str, str, tuple[int, ...], int]]:
 
 
 def _is_array(entry: Any) -> bool:
-    """Whether it is [name, type, shape] with a type that a state may have, and a shape without tricks."""
+    """Whether `entry` is [name, type, shape] with one of the three types and a valid shape."""
     match entry:
         case [str(), str(kind), list(shape)]:
             return (
