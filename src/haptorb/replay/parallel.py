@@ -19,7 +19,7 @@ _MIN_TICKS = 8192  #: shortest part for which a separate process saves time [tic
 def replay_in_parts(
     recording: Recording, report: Callable[[int], None] = lambda ticks: None, *, recorded_world: bool = False
 ) -> Replay:
-    """`recording` replayed, on as many processors as this process may use; as `Replay.run` would.
+    """Replay `recording` on all processors available to this process, with the result of `Replay.run`.
 
     `report` receives the number of ticks done. Raises RecordingError as `Replay` does.
     """
@@ -31,7 +31,7 @@ def replay_in_parts(
     ends = [*(first + 1 for first in beginnings[1:]), count]
     parts = list(zip(beginnings, ends, strict=True))
     main = Replay(recording, recorded_world=recorded_world, part=parts[0] if most > 1 else None, rows=rows)
-    # What the first chain has loaded, and has had compiled, is there for the others, too.
+    # Forked after the first chain is loaded: the workers inherit its loaded and compiled code.
     others = [_Worker(main, recording, part, rows, recorded_world=recorded_world) for part in parts[1:]]
     share = count / parts[0][1]
     main.run(lambda done: report(min(round(done * share), count)))
@@ -43,8 +43,8 @@ def replay_in_parts(
 
 
 class _Worker:
-    """A process that replays one part, with the chain of `main` where that will do. If it ends early, its part is
-    replayed here."""
+    """Child process that replays one part, with the chain of `main` if `skip_to` succeeds. If it ends without a
+    result, its part is replayed in this process."""
 
     def __init__(
         self, main: Replay, recording: Recording, part: tuple[int, int], rows: PlayedRows, *, recorded_world: bool
@@ -61,7 +61,7 @@ class _Worker:
         there.send(_run(main if main.skip_to(*self._part) else self._make_replay()))
 
     def finish(self) -> tuple[RunComparison, list[str]]:
-        """What it has found, when it has."""
+        """Wait for the comparison and the remarks of this part."""
         try:
             found: Any = self._answer.recv()
         except EOFError:

@@ -50,13 +50,13 @@ __all__ = [
 
 @final
 class RecordedRun:
-    """Metadata of `recording` as objects.
+    """Device, estimator, model and worlds of `recording`, reconstructed from its metadata.
 
-    device    as its file in the recording says
-    rate      of the loop [Hz]
-    remarks   what could not be made again as it was, and what stands in for it
+    device    from the device file in the recording, else from the catalogue
+    rate      rate of the loop [Hz]
+    remarks   what could not be reconstructed, and what replaces it
 
-    Raises RecordingError if the recording does not say which device it is of.
+    Raises RecordingError if the device or the rate cannot be determined.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -79,20 +79,20 @@ class RecordedRun:
         self._descriptions = self._read_descriptions(recording)
         self._made = read_object(self._run, "worlds")
         self._worlds: dict[int, World] = {}
-        self.code: dict[str, str] = {}  #: world → file and name of this account's own code that runs for it
+        self.code: dict[str, str] = {}  #: world → file and name of the user's code that is run for it
 
     @property
     def software(self) -> Mapping[str, str]:
-        """What made the recording, and on which processor, as far as it says."""
+        """Software versions and processor that the recording states."""
         return {**self._notes.get("versions", {}), **self._notes.get("machine", {})}
 
     @property
     def same_software(self) -> bool:
-        """Whether the software and the processor of this computer made the recording."""
+        """Whether the recording was made with the software versions and processor of this computer."""
         return self.software == {**list_versions(), **describe_machine()}
 
     def describe_software(self) -> str:
-        """What is not as it is here: "haptorb 0.9 (here 1.0)"."""
+        """Versions and processor that differ from this computer: "haptorb 0.9 (here 1.0)"."""
         made, here = self.software, {**list_versions(), **describe_machine()}
         apart = [name for name in here if made.get(name) != here[name]]
         if not any(name in made for name in apart):
@@ -102,7 +102,7 @@ class RecordedRun:
     def make_tick(
         self, world: World, driver: Driver, rate: float, estimator: str | None = None, model: str | None = None
     ) -> Tick:
-        """The chain behind `driver` at `rate` [Hz], with another `estimator` or `model` if one is given.
+        """Make the recorded chain with `driver` at `rate` [Hz]; `estimator` and `model` override the recorded ones.
 
         Raises what `RunConfig.from_notes` and `make_tick` of the assembly raise.
         """
@@ -119,17 +119,17 @@ class RecordedRun:
         )
 
     def describe_world(self, change: int) -> str:
-        """The note of the world after `change` changes; empty if the recording has none."""
+        """Recorded description of the world after `change` changes; empty if the recording has none."""
         return self._descriptions.get(change, "")
 
     def world(self, change: int) -> World:
-        """The world after `change` changes of it, made again. Raises InputError with the reason if it cannot be."""
+        """Reconstruct the world after `change` changes. Raises InputError with the reason if this is impossible."""
         if change not in self._worlds:
             self._worlds[change] = self._make_world(change)
         return self._worlds[change]
 
     def remote(self, change: int) -> Remote | None:
-        """The clients' force beside the world after `change` changes; None where none was."""
+        """Client force added to the world after `change` changes; None if there was none."""
         try:
             values = json.loads(self.describe_world(change)).get("remote")
         except (ValueError, AttributeError, RecursionError):
@@ -168,7 +168,7 @@ class RecordedRun:
         first = self._run.get("first_world", "")
         if 0 not in found and first:
             found[0] = first
-        if not found:  # of an old one
+        if not found:  # recording of an earlier version
             found[0] = json.dumps({"name": self.device.kind.world, "values": {}})
         return found
 
@@ -184,7 +184,7 @@ class RecordedRun:
         text, name, digest = DeviceText.from_note(noted), noted.get("name", ""), noted.get("digest", "")
         try:
             if text:
-                # what was recorded did run, whatever is checked today
+                # it ran when it was recorded, even if today's checks reject it
                 device = parse(text.own, f"the device in {self._path}", bases=text.bases, override=True)
             elif name in catalogue():
                 device = load(name)
@@ -213,9 +213,9 @@ class WorldFailed(HaptorbError):
 
 @final
 class RecordedTick:
-    """What the world did in the tick that is replayed now, in a block of ticks.
+    """Recorded outputs of the world in the tick being replayed, from a block of ticks.
 
-    room   numbers of a world's memory that a recorded row has
+    room   values of a world's memory in one recorded row
     """
 
     def __init__(self, room: int) -> None:
@@ -246,7 +246,7 @@ class RecordedTick:
         self._memory = list(np.ascontiguousarray(block.get("memory", np.empty((n, 0)))))
 
     def select(self, number: int) -> None:
-        """The tick `number` of the block, from 0 on, is next."""
+        """Select tick `number` of the block, counted from 0."""
         self._at = number
 
     @property
@@ -536,7 +536,7 @@ class PlayedDriver(Driver):
         self._at = 0
 
     def select(self, number: int) -> None:
-        """The tick `number` of the block, from 0 on, is next."""
+        """Select tick `number` of the block, counted from 0."""
         self._at = number
 
     def open(self) -> None:

@@ -32,14 +32,14 @@ __all__ = ["SAMPLE_FIELDS", "PlayedRows", "UnpackedRows", "count_bytes", "count_
 
 
 def count_processors() -> int:
-    """On how many processors this process may compute; 1 where a process cannot be forked, or not safely."""
+    """Number of processors available to this process; 1 where forking is impossible or unsafe."""
     return count_cores() if is_linux() else 1
 
 
 def start_child(work: Callable[..., None], *given: Any) -> BaseProcess:
-    """A process that does `work(*given)`, with a copy of this one's memory, and ends with it.
+    """Start a forked process that runs `work(*given)`; it ends with this one.
 
-    It says nothing about a mistake, and ends with another code than 0: this process finds the mistake again.
+    On a HaptorbError it prints nothing and exits with a nonzero code: the parent repeats the work and gets the error.
     """
     process = multiprocessing.get_context("fork").Process(target=_work, args=(work, given), daemon=True)
     with warnings.catch_warnings():
@@ -49,7 +49,7 @@ def start_child(work: Callable[..., None], *given: Any) -> BaseProcess:
 
 
 def _work(work: Callable[..., None], given: tuple[Any, ...]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # ^C is the parent's business, whose end ends this one
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles ^C; its end terminates this process
     try:
         work(*given)
     except HaptorbError:
@@ -70,7 +70,7 @@ def count_bytes(recording: Recording) -> int:
 
 @final
 class UnpackedRows:
-    """The rows of `recording`, which a process of its own unpacks from now on."""
+    """All rows of `recording`, unpacked by a child process that starts at once."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -85,7 +85,7 @@ class UnpackedRows:
             self._rows[first:last] = self._recording.read(first, last, self._names)
 
     def take(self) -> Array:
-        """(n, width) the rows when they are all there, each number in the unit [SI] of its field.
+        """Wait for all rows and return them, (n, width), each value in the unit [SI] of its field.
 
         Raises RecordingError where the file is damaged.
         """
@@ -95,7 +95,7 @@ class UnpackedRows:
         return self._rows
 
 
-#: without these a recording is replayed from what the estimator made of the samples
+#: fields of the samples; without them the estimator's recorded output is replayed instead
 SAMPLE_FIELDS = (
     "duty_commanded", "current_age", "field_age", "pose_t", "pose_valid", "pose_p", "pose_r", "pose_v", "pose_w",
     "commands", "torque_scale", "failures", "coil_state",
@@ -103,8 +103,8 @@ SAMPLE_FIELDS = (
 _NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v", "w", "current_measured",
            "boundary", "duty_applied")  # fmt: skip
 _PLAYED_ROWS_PIECE = 1024  #: rows that are read at once: whole rows are unpacked
-_COMMANDS = 2.0**31  #: more than all commands together
-_ROOM = 512 * 1024 * 1024  #: bytes of rows that are unpacked once and kept; more are unpacked again, block by block
+_COMMANDS = 2.0**31  #: exclusive upper bound of a sum of command flags
+_ROOM = 512 * 1024 * 1024  #: most bytes of unpacked rows kept in memory; above it, each block is unpacked again
 _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
 
 
@@ -112,9 +112,9 @@ _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rota
 class PlayedRows:
     """The ticks of `recording`, in blocks.
 
-    missing  fields that an older version has not recorded; what is replayed then is near, and not bit for bit
+    missing  fields that an earlier version did not record; the replay is then approximate, not bit-exact
 
-    Raises RecordingError for a recording that has no rows, or lacks what nothing can stand in for.
+    Raises RecordingError for a recording that has no rows, or lacks a field that cannot be approximated.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -139,7 +139,7 @@ class PlayedRows:
         self._unpacked: UnpackedRows | None = None
 
     def unpack_beside(self) -> None:
-        """Have a process unpack the rows from now on, if there is something to unpack, and memory for it."""
+        """Start to unpack the rows in a child process, if the recording is long and within the memory limit."""
         if self._recording.long and self._keeps:
             self._unpacked = UnpackedRows(self._recording)
 
@@ -188,12 +188,12 @@ class PlayedRows:
 
     @property
     def commands(self) -> Array:
-        """(n,) what was commanded before each tick, a sum [1]."""
+        """(n,) commands before each tick, a sum of flags [1]."""
         return self._columns["commands"]
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """As the recording has them."""
+        """Fields of the recording."""
         return self._recording.fields
 
     def __len__(self) -> int:
@@ -205,16 +205,16 @@ class PlayedRows:
         return self._recording.read(first, last, self._names) if whole is None else whole[first:last]
 
     def split(self, rows: Array) -> dict[str, Array]:
-        """Field → (n, width) of `rows` (n, all), in its unit [SI]; those that are missing filled in."""
+        """Split `rows` (n, all) by field: name → (n, width) in its unit [SI]; missing fields are approximated."""
         block = {name: rows[:, place] for name, place in self._at.items()}
         return block if not self.missing else self._fill_in(block)
 
     def read_one(self, number: int) -> dict[str, Array]:
-        """Field → (1, width) of the tick `number`, as `split` has it [SI], without a look at any other."""
+        """Field → (1, width) of the tick `number`, as `split` has it [SI], without reading any other tick."""
         return self.split(self._recording.read(number, number + 1, self._names))
 
     def _fill_in(self, block: dict[str, Array]) -> dict[str, Array]:
-        """The tracker's pose is taken as the pose in use, and the readings as those of the tick itself."""
+        """Approximate missing fields: the tracker's pose by the pose in use, readings as taken at the tick."""
         count = len(block["t"])
         valid = np.nan_to_num(block["valid"]) == 1.0
         failed = np.isnan(block["current_measured"]).all(axis=1, keepdims=True) & ~np.isfinite(block["p"][:, :1])
@@ -238,7 +238,7 @@ class PlayedRows:
         return {**others, **made, **block}
 
     def _read_commands(self) -> Array:
-        """(n,) what must have been commanded for the states that followed [1]."""
+        """(n,) commands inferred from the changes of state that followed them [1]."""
         recording, names = self._recording, set(self._names)
         guard, trip = recording["guard"][:], recording["trip"][:]
         found = np.zeros(len(guard))
@@ -264,7 +264,7 @@ class PlayedRows:
 
 
 def _rotations(q: Array) -> Array:
-    """(n, 9) rotation matrices, row by row, of quaternions (n, 4) (x, y, z, w); upright where there is none."""
+    """(n, 9) rotation matrices, row by row, of quaternions (n, 4) (x, y, z, w); identity where one is not finite."""
     x, y, z, w = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, (0.0, 0.0, 0.0, 1.0)).T
     return np.stack(
         (

@@ -2,7 +2,7 @@
 
 The libraries in `native/` map a small file that this process writes: facts, then the state after every tick. They write
 one command into it, with the time of CLOCK_MONOTONIC at which the program gave it. This process looks for it four times
-in a tick and hands it on like any client's; nothing in the file is believed before it is checked here.
+in a tick and hands it on like any client's; every value in the file is validated here before use.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ SIZE = 3 * _PAGE  #: of the file [bytes]
 _STATES_AT, _COMMAND_AT = _PAGE, 2 * _PAGE
 SLOTS, SLOT_SIZE = 4, 960  #: of states, at the end of their page
 _SLOTS_AT = 2 * _PAGE - SLOTS * SLOT_SIZE
-_COUNT, _PHASE = _STATES_AT // 8, _STATES_AT // 8 + 1  # words: states written so far, and whether the run runs
+_COUNT, _PHASE = _STATES_AT // 8, _STATES_AT // 8 + 1  # words: number of states written, and phase of the run
 _RUNNING, _ENDED = 1, 2
 
 #: name → (byte in its page, numbers, type: q whole, d float, s text)
@@ -108,7 +108,7 @@ _JOINTS = 8
 
 
 # --------------------------------------------------------------------------------------------------
-# What a program is told of a device, and where it finds the tool.
+# Description of the device for programs, and the mapping of the tool's pose.
 
 
 HAS_BASE, HAS_WRIST, HAS_ACTIVE_WRIST, HAS_GRIPPER, HAS_ACTIVE_GRIPPER, SIMULATED = 1, 2, 4, 8, 16, 64
@@ -122,10 +122,10 @@ _REACH = 0.1  #: about the place of rest, for a kind of device whose workspace i
 
 @dataclass(frozen=True)
 class Hardware:
-    """What a program of these interfaces can ask of a device; poses and box in the program's frame and scale.
+    """Capabilities of a device for programs of these interfaces; poses and box in the program's frame and scale.
 
     centre         (3,) what programs see as the origin [m], stator frame
-    scale          metres for a program of one metre of the tool
+    scale          metres in the program per metre of the tool
     workspace      box of the poses: least x y z, greatest x y z [m]
     """
 
@@ -152,7 +152,7 @@ class Hardware:
 @device_function
 @singledispatch
 def describe_hardware(device: Device) -> Hardware:
-    """How a program sees `device`; a kind of device with more abilities registers its own."""
+    """Description of `device` for programs; a kind of device with more abilities registers its own."""
     shell = device.shell
     force, torque = device.limits.force, device.limits.torque
     if shell is None:
@@ -193,7 +193,7 @@ def _describe_array(device: CoilArray) -> Hardware:
 
 @describe_hardware.register
 def _describe_arm(device: Arm) -> Hardware:
-    """An arm in its own size."""
+    """Arm at scale 1, with its gripper if it has one."""
     x, y, z = device.workspace.half
     gripper, sensed = device.gripper, device.effector.orientation != "fixed"
     able = HAS_BASE | (HAS_WRIST if sensed else 0) | (HAS_ACTIVE_WRIST if device.is_turned else 0)
@@ -250,13 +250,13 @@ class Placement:
     def place(self, p: Any) -> tuple[float, float, float]:
         """(3,) of a position [m]."""
         x, y, z = (self.scale * (one - middle) for one, middle in zip(p, self.centre, strict=True))
-        return 0.0 - y, x, z  # no negative zeros for people
+        return 0.0 - y, x, z  # avoids -0.0 in displays
 
     @staticmethod
     def turn(vector: Any) -> tuple[float, float, float]:
         """(3,) of a force or any other vector, in its own unit."""
         x, y, z = vector
-        return 0.0 - y, x, z  # no negative zeros for people
+        return 0.0 - y, x, z  # avoids -0.0 in displays
 
     @staticmethod
     def turn_back(vector: Any) -> tuple[float, float, float]:
@@ -280,7 +280,7 @@ def _turn_rotation(q: tuple[float, float, float, float]) -> tuple[float, ...]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Who commands: the number that a library puts into the file, and whether that process exists.
+# The commanding process: the claim that a library writes into the file, and whether that process exists.
 
 
 _PID_BITS, _LIBRARY_BITS = 22, 2
@@ -339,7 +339,7 @@ class _Commander:
         return self._descriptor >= 0 and not self._poll.poll(0)
 
     def close(self) -> None:
-        """Forget it."""
+        """Close the descriptor of the process."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -349,7 +349,7 @@ class _Commander:
 # The server: the newest row into the file, the newest command out of it.
 
 
-_LOOK = 2e-4  #: between two looks [s]
+_LOOK = 2e-4  #: polling interval [s]
 _REPORT = 0.5  #: between two reports of who commands [s]
 _MAX_NAME = 40  #: characters of a program's name, without its number
 _TRIES = 5
@@ -598,7 +598,7 @@ class NativeServer:
 
     @property
     def changed(self) -> bool:
-        """Whether another program commands than in the last report."""
+        """Whether the commanding program has changed since the last report."""
         return self._changed
 
     def report(self, address: str) -> None:
@@ -611,7 +611,7 @@ class NativeServer:
         self.served.report("native", address, clients, refused=self.refused)
 
     def close(self) -> None:
-        """Programs see that the run has ended."""
+        """Release the commanding program and mark the run as ended."""
         self._change_commander(0)
         self._words[_PHASE] = _ENDED
 

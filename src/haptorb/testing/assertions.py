@@ -27,7 +27,7 @@ __all__ = ["Reference", "assert_force_within", "assert_no_trip", "assert_torque_
 #: a force or torque (3,), one for each row (n, 3), a world or its name, a function of a State, or a recording
 Reference: TypeAlias = ArrayLike | str | World | Callable[[State], Any] | Recording
 
-Rows: TypeAlias = NDArray[np.intp]  #: numbers of ticks
+Rows: TypeAlias = NDArray[np.intp]  #: row indices
 
 _SHOWN = "wrench_actual", "wrench_model", "wrench_commanded", "object_wrench"
 
@@ -58,7 +58,7 @@ def assert_force_within(
     Parameters
     ----------
     recording : Recording, str or Path
-        What was recorded.
+        Recording, or the path of its file.
     reference : array_like, shape (3,) or (n, 3), World, str, callable or Recording
         A force, or one for each tick [N]; a world without memory, or its name, asked at the recorded poses;
         a function of a State that returns a force (3,) [N] or wrench (6,) [N, N·m]; or another recording, compared at
@@ -108,7 +108,7 @@ def assert_torque_within(
     Parameters
     ----------
     recording : Recording, str or Path
-        What was recorded.
+        Recording, or the path of its file.
     reference : array_like, shape (3,) or (n, 3), World, str, callable or Recording
         As for `assert_force_within`, a torque [N·m].
     newton_metres : float
@@ -134,7 +134,7 @@ def assert_no_trip(recording: Recording | str | Path, between: tuple[float, floa
     Parameters
     ----------
     recording : Recording, str or Path
-        What was recorded.
+        Recording, or the path of its file.
     between : tuple of float, optional
         First and last time on the loop's clock [s]; None: all ticks.
 
@@ -156,7 +156,7 @@ def _open(recording: Recording | str | Path) -> Recording:
 
 
 def _find_rows(run: Recording, between: tuple[float, float] | None) -> Rows:
-    """Numbers of the ticks in that time, without the row of the end, which is no tick."""
+    """Row indices of the ticks in `between`, without the closing row, which is not a tick."""
     t = np.asarray(run["t"])
     inside = np.isfinite(t)
     if "commands" in {field.name for field in run.fields}:
@@ -186,7 +186,7 @@ def _assert_within(
     wanted = _find_reference(reference, run, rows, wrench, quantity)
     distance = np.linalg.norm(there - wanted, axis=1)
     allowed = most + share * np.linalg.norm(wanted, axis=1)
-    wrong = ~(distance <= allowed)  # what is unknown is wrong
+    wrong = ~(distance <= allowed)  # NaN counts as a violation
     if not wrong.any():
         return
     excess = np.where(np.isfinite(distance), distance - allowed, np.inf)
@@ -197,7 +197,7 @@ def _assert_within(
 
 
 def _read_part(run: Recording, rows: Rows, wrench: str, quantity: _Quantity) -> Array:
-    """(n, 3) of the recorded wrench; modelled where what was given is unknown."""
+    """(n, 3) part of the recorded wrench; `wrench_model` where `wrench_actual` is unknown."""
     wrench = resolve_name(wrench)
     there: Array = np.asarray(run[wrench])[rows][:, quantity.part]
     unknown = ~np.isfinite(there).all(axis=1)
@@ -208,7 +208,7 @@ def _read_part(run: Recording, rows: Rows, wrench: str, quantity: _Quantity) -> 
 
 
 def _find_reference(reference: Reference, run: Recording, rows: Rows, wrench: str, quantity: _Quantity) -> Array:
-    """(n, 3) what should be there at each of `rows`."""
+    """(n, 3) reference at each of `rows`."""
     if isinstance(reference, Recording):
         others = _find_rows(reference, None)
         there, t = _read_part(reference, others, wrench, quantity), np.asarray(reference["t"])[others]
@@ -267,7 +267,7 @@ def _describe(
     run: Recording, rows: Rows, there: Array, wanted: Array, wrong: Array, worst: int, most: float, share: float,
     quantity: _Quantity, wrench: str,
 ) -> list[str]:  # fmt: skip
-    """What is wrong: how often, when, where, by how much, and what limited the device then."""
+    """Lines of the failure message: how often, when, where, by how much, and what limited the device."""
     t, unit, name = np.asarray(run["t"])[rows], quantity.unit, quantity.name
     row = int(rows[worst])
     gap = there[worst] - wanted[worst]
@@ -299,7 +299,7 @@ def _format(vector: Array, unit: str) -> str:
 
 
 def _save(run: Recording, rows: Rows, there: Array, wanted: Array, allowed: Array, quantity: _Quantity) -> list[str]:
-    """Draw and write the difference beside the recording, unless that is a temporary file; where they are."""
+    """Write a table and a figure beside the recording unless it is temporary; return message lines with their paths."""
     if run.path.parent.name.startswith(TEMPORARY):
         return ["  record=FILE, or the fixture of pytest, keeps the recording, a table and a figure of the difference"]
     t, unit = np.asarray(run["t"])[rows], quantity.unit

@@ -141,7 +141,7 @@ class DeviceRun(ABC):
 
     @abstractmethod
     def play(self, seconds: float | None = None) -> None:
-        """Let time pass.
+        """Run the loop for a time.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class DeviceRun(ABC):
     @property
     @abstractmethod
     def recording(self) -> Recording:
-        """Everything so far; also after the block."""
+        """Recording of all ticks so far; also available after the block."""
 
     def _find_duration(self, seconds: float | None) -> float:
         if seconds is None:
@@ -205,13 +205,13 @@ class DeviceRun(ABC):
 
 @final
 class _WholeDetail(StepWatch):
-    """No world reduces its detail, however long a step takes here: nobody waits for it."""
+    """Step watch that never reduces a world's detail: without real time, a long step does no harm."""
 
     def begin(self, bound: BoundWorld) -> None:
-        """Nothing is to be taken over."""
+        """Do nothing."""
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        """Nothing happened."""
+        """Report no failure."""
         return TickFailure(0)
 
 
@@ -234,7 +234,7 @@ class _SteppedRun(DeviceRun):
 
     @contextmanager
     def open(self) -> Iterator[DeviceRun]:
-        """The driver is open in the block; the recording is complete after it."""
+        """Keep the driver open in the block; the recording is complete after it."""
         with self._chain.driver:
             yield self
         if self._rows:
@@ -274,7 +274,7 @@ class _SteppedRun(DeviceRun):
         return LatestRow(self._layout, next(rows for rows in reversed(self._rows) if len(rows))[-1])
 
     def set_world(self, name: str, **values: Any) -> None:
-        """From the next tick on."""
+        """Set the world from the next tick on."""
         world = change_world(self._world, name, values, self._own)
         self._chain.change_world(world)
         self._world = world
@@ -329,7 +329,7 @@ class _RealTimeRun(DeviceRun):
         return self.servo.latest()
 
     def set_world(self, name: str, **values: Any) -> None:
-        """From the next tick on."""
+        """Set the world from the next tick on."""
         self.servo.set_world(name, values)
 
     @property
