@@ -96,7 +96,7 @@ class RecordedRun:
         made, here = self.software, {**list_versions(), **describe_machine()}
         apart = [name for name in here if made.get(name) != here[name]]
         if not any(name in made for name in apart):
-            return "another versionof unknown number"
+            return "another version of unknown number"
         return ", ".join(f"{name} {made.get(name, 'unknown')} (here {here[name]})" for name in apart)
 
     def make_tick(
