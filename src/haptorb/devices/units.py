@@ -69,7 +69,7 @@ FIELD: dict[str, tuple[Fraction, tuple[int, int, int, int, int]]] = {
 
 #: field strength or magnetization, where a flux density is wanted
 MAGNETIC = (_STRENGTH, _DENSITY)
-VACUUM = 4 * Fraction(math.pi) / 10**7  #: μ0 [T·m/A], as `physics.sources.dipole` has it
+VACUUM = 4 * Fraction(math.pi) / 10**7  #: μ0 [T·m/A], as `magnetics.dipole` has it
 
 #: units that people write as one word → the units; an exponent belongs to the last
 COMPOUND: dict[str, tuple[str, ...]] = {

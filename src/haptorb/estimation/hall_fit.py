@@ -47,7 +47,7 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # Field of the tool's magnet and of the core's response at the field sensors, with derivatives, in one kernel.
 #
-# The magnet is modelled by charges on its faces; the core's response to each is a series (see `physics.soft_sphere`).
+# The magnet is modelled by charges on its faces; the core's response to each is a series (see `magnetics.soft_sphere`).
 # With t = a²/(|x||s|) and c = x̂·ŝ, the response at x to a charge q at s is
 #
 #     B = μ0 q/(4πa|x|) (S1 ŝ − S2 x̂),   S1 = Σ β_l t^(l+1) P_l'(c),   S2 = Σ β_l t^(l+1) P_(l+1)'(c),

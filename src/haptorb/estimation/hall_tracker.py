@@ -4,11 +4,11 @@ What coils and core do per ampere is known (calibrated), the measured currents g
 left is the tool's magnet and the core's answer to it. Place and axis that explain it best are the estimate; the turn
 about the axis leaves no trace in the field of a round magnet and is taken as zero.
 
-What is measured in every tick goes through the filter of `sensing.place_filter`: 100 Hz (−3 dB) at any rate of the
+What is measured in every tick goes through an α–β filter: 100 Hz (−3 dB) at any rate of the
 loop, the place not late at steady velocity, the velocity 7 ms late.
 
 Where a driver reads the sensors in turns, what it did not read in a tick is NaN. The last reading of each stands in,
-less the coils' field at the time when it was taken (`sensing.current_history`), and is held against where the tool was
+less the coils' field at the time when it was taken (`CurrentHistory`), and is held against where the tool was
 then, by its velocity.
 
 A tick whose readings are consistent but contain too little is skipped: for 10 ms the tool's pose is extrapolated to
@@ -449,7 +449,7 @@ TRACKER = fields(
     ("moment_noise", "f8", (3, 3)),  # covariance of the moment from the currents' noise [A²·m⁴]
     ("swing", "f8"),  # error of the field from quickly changing currents [T]
     ("limit", "f8"),  # limit on the residual [T]
-    ("weight", "f8", (3, 3)),  # G of `tool_fit`: covariance of the moment [A²·m⁴/T²]
+    ("weight", "f8", (3, 3)),  # G of `hall_fit.fit_tool`: covariance of the moment [A²·m⁴/T²]
     ("rates", "f8", (5,)),  # of the position [m/s] and of the rotations about the mover's x and y [rad/s]
     # state
     ("lagged_at", "f8"),  # time of the last currents filtered by the lag [s]

@@ -463,7 +463,7 @@ def _snap_fit(
 class SnapFit(ContactWorld, TargetWorld):
     """Snap-fit: hooks bend, snap in, and retain the part until the pull-out force is exceeded.
 
-    Sizes as in `physics.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
+    Sizes as in `haptorb.beams.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
     root, about the limit of ABS in a joint that is opened often): a few newtons, which a motor of about 1 N·m renders
     through the modes without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be
     pulled out.
