@@ -75,7 +75,12 @@ class ServedFile:
     def await_rest(self, force: tuple[float, ...]) -> tuple[list[float], float]:
         """Torque [N·m] and gripper force [N] that come with this force [N], for which it waits."""
         self.await_force(force)
-        return self.loop._client["torque"][0].tolist(), float(self.loop._client["gripper"][0])
+        return self.torque, float(self.loop._client["gripper"][0])
+
+    @property
+    def torque(self) -> list[float]:
+        """Torque that the loop received last [N·m], stator frame."""
+        return self.loop._client["torque"][0].tolist()
 
     def __enter__(self) -> Self:
         self.loop.__enter__()
