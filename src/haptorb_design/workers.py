@@ -20,6 +20,7 @@ from typing import Any, Protocol, final
 from haptorb.cluster import count_cores, count_threads, open_cluster, run_jobs, spawn_context
 from haptorb.errors import InputError
 from haptorb.own_code import pickle_with_code
+from haptorb.runtime.liveness import StarvedTime
 from haptorb_design.evaluate import OBJECTIVE, compute_quantity, evaluate, find_base
 from haptorb_design.problem import (
     Bound,
@@ -177,6 +178,7 @@ class _Process:
         other.close()
         self.jobs: deque[Job] = deque()
         self.ready = False
+        self._starvation = StarvedTime(self.process.pid or 0)
         self.restart_clock()
 
     def send(self, job: Job) -> None:
@@ -189,11 +191,12 @@ class _Process:
 
     def restart_clock(self) -> None:
         """Restart the time limit for the next candidate."""
-        self._since, self._used = monotonic(), processor_time(self.process.pid)
+        self._since, self._used, self._starved = monotonic(), processor_time(self.process.pid), self._starvation.read()
 
     def is_over(self, limit: float) -> bool:
-        """Whether its candidate exceeded `limit` [s] of processor time, or several times that by the clock."""
-        passed = monotonic() - self._since
+        """Whether its candidate exceeded `limit` [s] of processor time, or several times that by the clock; time in
+        which it was ready and had no processor does not count."""
+        passed = monotonic() - self._since - (self._starvation.read() - self._starved)
         used, before = processor_time(self.process.pid), self._used
         computed = passed if used is None or before is None else used - before
         return computed > limit or passed > _WALL_CLOCK_FACTOR * limit

@@ -19,6 +19,7 @@ from haptorb_design.design_file import load_design
 from haptorb_design.search import Optimiser, optimise
 from haptorb_design.store import Results, open_results, read_results
 from haptorb_design.workers import LocalWorker
+from oracles.command import run_command
 from oracles.designs.small_design import BARE
 from oracles.postgres_server import explain_absence, start_postgres
 
@@ -171,3 +172,57 @@ def test_options_that_cannot_be_are_named(
 ) -> None:
     assert main(["design", "optimise", str(design), "--into", str(tmp_path / "r.sqlite"), *options]) == 2
     assert what in " ".join(capsys.readouterr().err.split())
+
+
+#: the file that was sent in, with a base whose windings fit into every dome: a narrow range of one parameter harms the
+#: process that computes it
+HARMFUL = """
+name = "kills-its-process"
+base = "bare.toml"
+[parameters.radius]
+low = "27 mm"
+high = "30 mm"
+places = ["dome.radius"]
+[objectives.cost]
+function = "kills_its_process.py:cost"
+unit = "1"
+sense = "minimise"
+"""
+COST = """
+import os
+def cost(candidate):
+    r = candidate.device.dome_radius
+    if 0.0285 < r < 0.0287:
+        {harm}
+    return r
+"""
+
+
+@pytest.mark.parametrize(
+    ("harm", "reason"),
+    [
+        ("os.kill(os.getpid(), 9)", "its process ended 2 times: signal SIGKILL"),
+        ("while True: pass", "not computed within 2 s of processor time"),
+        ("import numpy; kept = [numpy.empty(1 << 29) for _ in range(30)]", "MemoryError"),  # never touched
+    ],
+)
+def test_a_harmful_candidate_is_rejected_with_its_reason_and_the_search_goes_on(
+    harm: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "kills_its_process.py").write_text(COST.format(harm=harm))
+    (tmp_path / "kills.toml").write_text(HARMFUL)
+    (tmp_path / "bare.toml").write_text(BARE)
+    into = str(tmp_path / "results.sqlite")
+    words = ["--evaluations", "24", "--population", "12", "--processes", "2", "--time-limit", "2", "--json"]
+    code, out, err = run_command(capsys, "design", "optimise", str(tmp_path / "kills.toml"), "--into", into, *words)
+    assert code == 0, err
+    found = read_results(into).evaluations
+    assert [one.number for one in found] == list(range(24))
+    harmful = [one.number for one in found if 28.5 < float(one.values["radius"]) < 28.7]
+    assert harmful
+    assert [one.number for one in found if reason in one.reason] == harmful
+    valid = {one.number: one.objectives["cost"] for one in found if one.valid}
+    assert len(valid) == 24 - len(harmful)
+    assert all(0.027 <= cost <= 0.03 for cost in valid.values())
+    told = json.loads(out)
+    assert (told["valid"], told["refused"]) == (len(valid), {"objective": len(harmful)})

@@ -16,6 +16,7 @@ import pytest
 
 from haptorb.errors import InputError
 from haptorb.own_code import pickle_with_code
+from haptorb.runtime.liveness import StarvedTime
 from haptorb_design.problem import Evaluation
 from haptorb_design.sampling import sample
 from haptorb_design.search import Optimiser, optimise
@@ -78,6 +79,17 @@ def test_a_candidate_that_harms_its_process_is_rejected_and_all_others_are_compu
     assert [one.number for one in found if one.refused_by == "objective"] == [1, 4]
     assert all(reason in one.reason for one in found if not one.valid)
     assert sum(one.valid for one in found) == 4
+
+
+def test_a_candidate_that_waited_for_a_processor_is_not_called_slow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever sleeps here stands for one whose process is ready to run all the time, and gets no processor."""
+    code = CODE.replace("def reach(candidate):", "def reach(candidate):\n    import time\n    time.sleep(2.5)")
+    monkeypatch.setattr(StarvedTime, "read", lambda self: time.monotonic())
+    with open_processes(make_design(tmp_path, code=code), 1, limit=0.3) as workers:
+        (found,) = workers.evaluate([(0, {"radius": 30.0, "angle": 60.0, "shell": "thin"})])
+    assert found.valid, found.reason
 
 
 def test_a_function_that_ends_its_process_at_the_base_device_costs_its_number_there_and_no_more(
