@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from haptorb.cache_folder import explain_shared, private_folder
+from haptorb.files import state_folder
+from oracles.command import run_command
 
 OTHER = 54_321  #: the id of another account
 
@@ -109,6 +113,43 @@ def test_without_a_folder_that_can_be_made_a_private_one_is_used_and_one_line_sa
     assert (cache.parent == tmp_path) == ("temporary" not in fault)
     assert cache.stat().st_mode & 0o777 == 0o700
     assert kernels.is_relative_to(cache)
+
+
+def test_a_relative_folder_in_the_environment_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the XDG Base Directory Specification says; it would be another folder for each working directory."""
+    monkeypatch.chdir(tmp_path)
+    _, cache, said = folders_of(tmp_path, XDG_CACHE_HOME="kept/here", HOME=str(tmp_path))
+    assert (cache, said) == (tmp_path / ".cache" / "haptorb", "")
+    assert not (tmp_path / "kept").exists()
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", "kept")
+    assert state_folder() == tmp_path / ".local" / "state" / "haptorb"
+
+
+@pytest.mark.parametrize("home", ["/dev/null", "nowhere"])
+def test_a_home_that_is_no_folder_is_none(home: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, cache, said = folders_of(tmp_path, XDG_CACHE_HOME="", TMPDIR=str(tmp_path), HOME=home)
+    assert cache == tmp_path / f"haptorb-{os.getuid()}"
+    assert len(said.splitlines()) == 1
+    for name in ("XDG_CACHE_HOME", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", home)
+    (state_folder() / "trips").mkdir(parents=True, exist_ok=True)
+
+
+def test_without_a_folder_for_temporary_files_a_command_needs_none_or_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where the root is read-only and nothing is mounted: Python's own search for such a folder has failed."""
+
+    def fail() -> str:
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp', '/var/tmp']")
+
+    monkeypatch.setattr(tempfile, "gettempdir", fail)
+    assert run_command(capsys, "inspect", "omni", "--json")[0] == 0
+    code, _, err = run_command(capsys, "run", "omni", "--headless", "--duration", "0.1")
+    assert (code, "set TMPDIR" in " ".join(err.split())) == (2, True)
 
 
 def test_in_a_sticky_folder_only_the_owners_counts(tmp_path: Path) -> None:

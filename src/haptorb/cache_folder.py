@@ -13,10 +13,11 @@ import shutil
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-__all__ = ["cache_folder", "explain_shared", "find_home", "private_folder"]
+__all__ = ["cache_folder", "explain_shared", "find_base", "find_home", "private_folder"]
 
 _CHOSEN = "HAPTORB_CACHE_FOLDER"  #: tells child processes the choice, for one message only
 
@@ -27,14 +28,23 @@ def cache_folder() -> Path:
     Another private folder if that one is shared with other accounts or cannot be created, such as in a container
     without a writable home; this is reported once on standard error.
     """
-    home = os.environ.get("XDG_CACHE_HOME") or find_home(".cache")
-    return _choose(os.path.abspath(home) if home else "")
+    return _choose(find_base("XDG_CACHE_HOME", ".cache"))
+
+
+def find_base(variable: str, *parts: str) -> str:
+    """Return the base folder in the environment `variable`, such as XDG_CACHE_HOME, else `parts` below the home.
+
+    A relative path in it is ignored, as the XDG Base Directory Specification asks for: it would be another folder for
+    each working directory. Empty if this account has no home either.
+    """
+    stated = os.environ.get(variable, "")
+    return stated if os.path.isabs(stated) else find_home(*parts)
 
 
 def find_home(*parts: str) -> str:
     """Return `parts` below this account's home; empty if it has none, as is possible for an account without a name."""
     home = os.path.expanduser("~")
-    none = home.startswith("~") or os.environ.get("HOME") == ""  # an empty one would mean the root folder
+    none = not os.path.isabs(home) or os.environ.get("HOME") == ""  # an empty one would mean the root folder
     return "" if none else os.path.join(home, *parts)
 
 
@@ -115,12 +125,19 @@ def _choose(home: str) -> Path:
     number = os.getuid() if hasattr(os, "getuid") else 0
     wanted = Path(home, "haptorb") if home else None
     told, chosen = os.environ.get(_CHOSEN, "").partition(os.pathsep)[::2]
-    others = [Path(chosen)] if told == home and chosen else []
-    if not others:
-        others = [Path(home, f"haptorb-{number}")] if home else []
-        others.append(Path(tempfile.gettempdir(), f"haptorb-{number}"))
+
+    def list_candidates() -> Iterator[Path]:
+        if wanted:
+            yield wanted
+        if told == home and chosen:
+            yield Path(chosen)
+            return
+        if home:
+            yield Path(home, f"haptorb-{number}")
+        yield Path(tempfile.gettempdir(), f"haptorb-{number}")  # which raises where there is none
+
     refused = "" if home else "this account has no home for a cache folder"
-    for folder in (*([wanted] if wanted else []), *others):
+    for folder in list_candidates():
         try:
             _make(folder)
             shared = explain_shared(folder) or _explain_content(folder)

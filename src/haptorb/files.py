@@ -22,7 +22,7 @@ from pathlib import Path
 from time import time
 from typing import Any, BinaryIO, Protocol, final
 
-from haptorb.cache_folder import cache_folder, find_home
+from haptorb.cache_folder import cache_folder, find_base
 from haptorb.errors import HaptorbError, quote
 
 __all__ = [
@@ -399,11 +399,10 @@ def named_file(
 def state_folder() -> Path:
     """Return the folder for the state of programs: $XDG_STATE_HOME/haptorb, else ~/.local/state/haptorb; below the
     cache folder if this account has no writable home."""
-    home = os.environ.get("XDG_STATE_HOME") or find_home(".local", "state")
-    if home:
+    if home := find_base("XDG_STATE_HOME", ".local", "state"):
         folder = Path(home) / "haptorb"
-        there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
-        if os.access(there, os.W_OK):
+        there = next(one for one in (folder, *folder.parents) if one.exists())
+        if there.is_dir() and os.access(there, os.W_OK):  # a home may be /dev/null, which can be written
             return folder
     return cache_folder() / "state"
 

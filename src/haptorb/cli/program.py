@@ -138,6 +138,11 @@ def _is_file_too_large(mistake: BaseException) -> bool:
     return cause is not None
 
 
+def _is_no_temporary_folder(cause: OSError) -> bool:
+    """Whether Python found no folder for temporary files, as where every folder is read-only."""
+    return isinstance(cause, FileNotFoundError) and "temporary directory" in (cause.strerror or "")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; a user error prints one message without a traceback."""
     open_output()
@@ -164,6 +169,12 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # `haptorb devices | head` is no mistake
         sys.stderr.close()
     except OSError as cause:
+        if _is_no_temporary_folder(cause):
+            notify(
+                "haptorb: no folder for temporary files can be written: neither $TMPDIR, /tmp, /var/tmp nor this one; "
+                "set TMPDIR to a folder of yours that can"
+            )
+            return 2
         if cause.errno not in _DISK_FULL_ERRORS:
             raise
         drop_output()
