@@ -132,7 +132,7 @@ def _find(head: bytes, path: Path) -> FileKind | None:
         return {"mujoco": FileKind.SCENE, "svg": FileKind.PICTURE, "html": FileKind.PAGE, "doctype": FileKind.PAGE}.get(
             name
         )
-    if path.suffix == ".py":
+    if path.suffix.lower() == ".py":
         return FileKind.WORLD
     if _SCRIPT.match(text):
         return FileKind.HAND

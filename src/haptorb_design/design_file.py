@@ -308,7 +308,7 @@ def split_function(text: str, folder: Path) -> tuple[Path, str]:
     (PosixPath('/designs/mine.py'), 'cost')
     """
     path, found, name = text.rpartition(":")
-    if not found or not path.endswith(".py") or not name.isidentifier():
+    if not found or not path.lower().endswith(".py") or not name.isidentifier():
         raise InputError(f"function must be 'file.py:name'; got '{text}'")
     return folder / Path(path).expanduser(), name
 

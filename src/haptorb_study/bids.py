@@ -75,7 +75,9 @@ def _check_place(study: Study, folder: Path, overwrite: bool) -> None:
 def _find_other_study(study: Study, folder: Path) -> str:
     """Description of the study that the export in `folder` is of; empty if it is of `study`."""
     try:
-        found = study_of((folder / "code" / "study.toml").read_text(encoding="utf-8"), str(folder), stored=True)
+        found = study_of(
+            read_text(folder / "code" / "study.toml", "study file", RecordingError), str(folder), stored=True
+        )
     except (OSError, ValueError, HaptorbError):
         return "a study that cannot be read any more"
     if found.digest == study.digest:

@@ -35,7 +35,7 @@ class StudyExport:
 
 def check_output(path: Path) -> None:
     """Raise InputError if the name of the output belongs to no form of export."""
-    if path.suffix not in ("", ".csv", ".parquet"):
+    if path.suffix.lower() not in ("", ".csv", ".parquet"):
         raise InputError(f"the output must be NAME.csv, NAME.parquet or a folder; got '{path}'")
 
 
@@ -50,7 +50,7 @@ def export_study(
     replies = {code: given for code, given in read_replies(engine, known).items() if code in people}
     incidents = list_incidents(engine, known, people)
     if path.suffix:
-        write = write_csv if path.suffix == ".csv" else write_parquet
+        write = write_csv if path.suffix.lower() == ".csv" else write_parquet
         files = write(known, columns, path, overwrite=overwrite, replies=replies, incidents=incidents)
     else:
         files = (write_bids(known, columns, path, overwrite=overwrite, replies=replies, incidents=incidents),)

@@ -174,7 +174,7 @@ def _check_table(study: Study, path: Path) -> None:
         return
     found = ""
     try:
-        if path.suffix == ".parquet":
+        if path.suffix.lower() == ".parquet":
             from pyarrow import parquet
 
             with parquet.ParquetFile(path) as table:
@@ -183,7 +183,7 @@ def _check_table(study: Study, path: Path) -> None:
                 elif "study" in table.schema_arrow.names and table.metadata.num_rows:
                     found = str(next(table.iter_batches(1, columns=["study"])).column(0)[0].as_py())
         else:
-            with path.open(newline="", encoding="utf-8") as file:
+            with path.open(newline="", encoding="utf-8-sig") as file:
                 rows = csv.DictReader(file)
                 if "trial" not in (rows.fieldnames or ()):
                     found = "no table of trials"
@@ -216,7 +216,8 @@ def _events(incidents: Sequence[Incident] | None, path: Path) -> Files:
 
 def _companion_files(study: Study, path: Path) -> Files:
     """Files beside a table: its data dictionary, and scripts that read both."""
-    form = "" if path.suffix == ".csv" else path.suffix.removeprefix(".")  # one folder may hold the data in both forms
+    ending = path.suffix.lower()
+    form = "" if ending == ".csv" else ending.removeprefix(".")  # one folder may hold the data in both forms
     script = f"read_{path.stem}{form and '_'}{form}"
     described = describe_columns(study)
     if not form:

@@ -58,8 +58,8 @@ def write_study(name: str, like: str = "identification", *, overwrite: bool = Fa
 
     RecordingError, and nothing written, if it exists.
     """
-    name = name.removesuffix(".toml")
-    path = Path(f"{name}.toml")
+    path = Path(name if name.lower().endswith(".toml") else f"{name}.toml")
+    name = str(path)[: -len(".toml")]
     text = make_study_text(name, like)
     if path.exists() and not overwrite:
         refused = f"{path} exists; choose another name, or replace it"

@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 
+from fuzz.hostile_files import Kind, kinds
 from haptorb.devices.loader import load
-from haptorb.errors import DeviceError
+from haptorb.errors import DeviceError, HaptorbError
+from haptorb.runtime.trackers.formats import parse_format, split_format
 from haptorb.runtime.trackers.osc import OscFeed, osc_socket
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.worlds.scene import parse_scene_file
@@ -33,6 +35,43 @@ def test_a_device_file_in_utf_16_says_what_to_do(encoding: str, tmp_path: Path) 
     path.write_bytes(DEVICE.format("sixteen").encode(encoding))
     with pytest.raises(DeviceError, match="save it as UTF-8"):
         load(path)
+
+
+@pytest.fixture(scope="module")
+def text_kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kind]:
+    """A good file of every kind of text that haptorb reads, and its reader."""
+    return {one.name: one for one in kinds(tmp_path_factory.mktemp("kinds")) if one.text}
+
+
+TEXTS = ("device", "motor", "variant", "design", "study", "calibration", "frame", "progress", "ratings", "thermal",
+         "loads", "hand", "hand table")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_byte_order_mark_or_an_ending_in_capitals_changes_no_file(
+    name: str, text_kinds: dict[str, Kind], tmp_path: Path
+) -> None:
+    kind = text_kinds[name]
+    path = tmp_path / f"file{kind.ending.upper() if kind.ending not in ('.network', '.steps') else kind.ending}"
+    path.write_bytes(b"\xef\xbb\xbf" + kind.good)
+    kind.read(path)
+
+
+#: files of the program's own, not a person's: one that cannot be read is ignored with a line, or partly read
+OWN = ("progress", "ratings")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+@pytest.mark.parametrize("name", [one for one in TEXTS if one not in OWN])
+def test_another_encoding_says_what_to_do_in_one_line(
+    encoding: str, name: str, text_kinds: dict[str, Kind], tmp_path: Path
+) -> None:
+    kind = text_kinds[name]
+    path = tmp_path / f"file{kind.ending}"
+    path.write_bytes((kind.good.decode() + "# \N{MICRO SIGN}\n").encode(encoding, "replace"))
+    with pytest.raises(HaptorbError, match="save it as UTF-8") as told:
+        kind.read(path)
+    assert "\n" not in str(told.value)
 
 
 SCENES = {
@@ -88,6 +127,57 @@ def test_a_scene_with_an_actuator_runs(scenes: Path, capsys: pytest.CaptureFixtu
     assert code == 0, err
     assert json.loads(out)["world"] == "scene-with-actuator"
     assert "1 actuators" in " ".join(err.split())
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize("name", ["outer.xml", "inner.xml"])
+def test_a_scene_of_another_editor(name: str, encoding: str, scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also an included file, and endings in capitals."""
+    (scenes / name).write_bytes((SCENES[name] + "<!-- \N{MICRO SIGN} -->\n").encode(encoding))
+    (scenes / "outer.xml").rename(scenes / "OUTER.XML")
+    words = ("check", "pmsm", "--scene", str(scenes / "OUTER.XML"), "--body", "held", "--json")
+    code, out, err = run_command(capsys, *words)
+    if encoding == "utf-8-sig":
+        assert json.loads(out)["scene"] == "OUTER", err
+    else:
+        assert (code, out) == (2, "")
+        assert "save it as UTF-8" in " ".join(err.split())
+        assert ("OUTER.XML" if name == "outer.xml" else name) in err
+
+
+def test_every_command_takes_a_file_whose_name_ends_in_capitals(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in {
+        "DEVICE.TOML": DEVICE.format("capitals"),
+        "POSES.TOML": "[[messages]]\naddress = '/pose'\nvalues = ['x', 'y', 'z', 'qx', 'qy', 'qz', 'qw']\n",
+        "WORLD.PY": "import numpy as np\n\n\ndef Push(state):\n    return np.zeros(6)\n",
+        "COST.PY": "def cost(candidate):\n    return candidate.device.dome_radius\n",
+        "SEARCH.TOML": "name = 'search'\nbase = 'DEVICE.TOML'\n[parameters.radius]\nlow = '27 mm'\nhigh = '30 mm'\n"
+        "places = ['dome.radius']\n[objectives.cost]\nfunction = 'COST.PY:cost'\n",
+    }.items():
+        Path(name).write_text(text)
+    for words in (
+        "inspect DEVICE.TOML --json",
+        "show DEVICE.TOML -o DRAWING.PNG",
+        "check DEVICE.TOML --world WORLD.PY:Push --json",
+        "study new STUDY.TOML",
+        "study check STUDY.TOML",
+        "study simulate STUDY.TOML --participants 1 --db S.SQLITE",
+        "study export S.SQLITE TRIALS.CSV",
+        "study export S.SQLITE OTHER.PARQUET",
+        "study analyse S.SQLITE --out REPORT",
+        "design sweep SEARCH.TOML --count 2 --processes 1 --into R.SQLITE",
+        "design report R.SQLITE -o REPORT.HTML",
+    ):
+        code, _, err = run_command(capsys, *words.split())
+        assert code in (0, 1), (words, err)
+    assert Path("DRAWING.PNG").read_bytes().startswith(b"\x89PNG")
+    assert Path("TRIALS.CSV").read_text().count("\n") > 2
+    assert Path("OTHER.PARQUET").read_bytes().startswith(b"PAR1")
+    assert split_format("9000,POSES.TOML") == ("9000", ("POSES.TOML",))
+    assert parse_format(["POSES.TOML"])[0] is not None
 
 
 @pytest.mark.parametrize("days", [None, 1.0, 10.0])

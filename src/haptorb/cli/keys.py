@@ -31,12 +31,15 @@ class FileKeys(NamedTuple):
 
 
 def list_device_sections() -> list[KeySection]:
-    """List the keys of a device file, one section for each kind of device."""
+    """List the keys of a device file, one section for each kind of device that has files."""
     from haptorb.devices.base import kind_names, kind_of_name
     from haptorb.devices.schema import list_keys
 
+    kinds = {name: kind_of_name(name) for name in kind_names()}
     return [
-        KeySection(f'kind = "{name}"', tuple(list_keys(kind_of_name(name).require_file(name)))) for name in kind_names()
+        KeySection(f'kind = "{name}"', tuple(list_keys(kind.require_file(name))))
+        for name, kind in kinds.items()
+        if kind.file is not None  # one of another package may be made in Python only
     ]
 
 

@@ -21,7 +21,7 @@ from haptorb.estimation.coil_calibration import (
     thermal_identification,
 )
 from haptorb.file_kind import FileKind
-from haptorb.files import open_regular
+from haptorb.files import read_text
 
 __all__ = ["ThermalRecord", "thermal_record"]
 
@@ -33,7 +33,7 @@ __all__ = ["ThermalRecord", "thermal_record"]
 
 
 _COLUMNS = ("power_w", "winding_degc", "boundary_degc")  #: columns for one coil; for several power_NAME_w and so on
-_HEAD_BYTES = 256 * 1024  #: bytes read to recognise another kind of file
+_MAX_TABLE_BYTES = 128 * 1024 * 1024  #: of a table
 _BIN_S = 0.5  #: averaging window of a recording's readings
 _MAX_DURATION_S = 30 * 24 * 3600.0  #: [s]
 _MAX_VALUE = 1e6  #: largest accepted value in any unit
@@ -84,32 +84,25 @@ def _columns(device: Device) -> tuple[str, ...]:
 
 def _from_table(path: Path, device: Device) -> HeatRecord:
     columns = _columns(device)
+    text = read_text(path, "thermal record", CalibrationError, _MAX_TABLE_BYTES, FileKind.TABLE)
+    rows = []
     try:
-        with open_regular(path, "thermal record", CalibrationError) as raw:
-            if other := FileKind.TABLE.explain_other(path, raw.read(_HEAD_BYTES)):
-                raise CalibrationError(other)
-            raw.seek(0)
-            file = io.TextIOWrapper(raw, encoding="utf-8", newline="")
-            reader = csv.DictReader(file)
-            missing = [name for name in columns if name not in (reader.fieldnames or ())]
-            if missing:
-                raise CalibrationError(
-                    f"{path}: column {missing[0]} is missing; a thermal record of '{device.name}' has "
-                    f"{', '.join(columns)}"
-                )
-            rows = []
-            for line in reader:
-                cells = [(line[name] or "").strip() for name in columns]
-                try:
-                    rows.append([float(cell) if cell else np.nan for cell in cells])
-                except ValueError as cause:
-                    raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {quote(cells)}") from cause
-                if len(rows) > _MAX_READINGS:
-                    raise CalibrationError(f"{path}: a thermal record has at most {_MAX_READINGS} readings")
+        reader = csv.DictReader(io.StringIO(text, newline=""))
+        missing = [name for name in columns if name not in (reader.fieldnames or ())]
+        if missing:
+            raise CalibrationError(
+                f"{path}: column {missing[0]} is missing; a thermal record of '{device.name}' has {', '.join(columns)}"
+            )
+        for line in reader:
+            cells = [(line[name] or "").strip() for name in columns]
+            try:
+                rows.append([float(cell) if cell else np.nan for cell in cells])
+            except ValueError as cause:
+                raise CalibrationError(f"{path}, line {reader.line_num}: not numbers: {quote(cells)}") from cause
+            if len(rows) > _MAX_READINGS:
+                raise CalibrationError(f"{path}: a thermal record has at most {_MAX_READINGS} readings")
     except csv.Error as cause:
         raise CalibrationError(f"thermal record {path}: is not a table ({cause})") from cause
-    except UnicodeDecodeError as cause:
-        raise CalibrationError(f"thermal record {path}: cannot be read (not a text file)") from cause
     if len(rows) < 20:
         raise CalibrationError(f"{path} has {len(rows)} readings; a thermal record needs at least 20")
     table = np.array(rows)

@@ -126,7 +126,7 @@ _MODULE_PREFIX = "haptorb_world_"  #: prefix of the names of modules that `World
 
 def is_world_file(text: str) -> bool:
     """Whether `text` names a file, `groove.py` or `groove.py:Groove`, and not a world of the catalogue."""
-    return text.partition(".py:")[0] != text or text.endswith(".py")
+    return ".py:" in text.lower() or text.lower().endswith(".py")
 
 
 def parse_world_file(text: str, folder: Path | None = None) -> WorldFile:
@@ -135,7 +135,7 @@ def parse_world_file(text: str, folder: Path | None = None) -> WorldFile:
     >>> parse_world_file("groove.py:Groove").name
     'Groove'
     """
-    path, _, name = text.rpartition(":") if ".py:" in text else (text, "", "")
+    path, _, name = text.rpartition(":") if ".py:" in text.lower() else (text, "", "")
     found = Path(path).expanduser()
     return WorldFile(Path(os.path.abspath((folder or Path()) / found)), name)
 

@@ -227,7 +227,7 @@ class FeelSession:
                 return []
         except OSError as cause:
             raise RecordingError(f"{self._path}: cannot be read ({cause.strerror})") from cause
-        text = read_bytes(self._path, _MAX_RECORD_BYTES, "ratings", RecordingError).decode("utf-8", "replace")
+        text = read_bytes(self._path, _MAX_RECORD_BYTES, "ratings", RecordingError).decode("utf-8-sig", "replace")
         found, self.skipped = parse_records(text.splitlines())
         return found
 

@@ -170,7 +170,10 @@ def split_format(where: str) -> tuple[str, tuple[str, ...]]:
 
 def _is_format(word: str) -> bool:
     return (
-        word in _CONVERSIONS or word.partition("/")[0] in KNOWN or word.startswith("euler-") or word.endswith(".toml")
+        word in _CONVERSIONS
+        or word.partition("/")[0] in KNOWN
+        or word.startswith("euler-")
+        or word.lower().endswith(".toml")
     )
 
 
@@ -185,7 +188,7 @@ def parse_format(words: Sequence[str]) -> tuple[PoseFormat | None, tuple[str, ..
         name, _, chosen = word.partition("/")
         if name.startswith("euler-"):
             found = _make_euler(word.removeprefix("euler-"))
-        elif word.endswith(".toml"):
+        elif word.lower().endswith(".toml"):
             found = load_mapping(Path(word).expanduser())
         else:
             found = replace(KNOWN[name], object=chosen)
