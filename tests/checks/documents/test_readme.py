@@ -83,6 +83,7 @@ def test_pages_can_be_read_without_a_build(root: Path) -> None:
             continue
         text = path.read_text(encoding="utf-8")
         assert re.findall(r"^`{3,}\{(?:literal)?include\}.*", text, re.MULTILINE) == [], path
+        assert re.findall(r"\{doc\}`[^`]*`", text) == [], f"{path}: a link that only the built pages have"
         for target in re.findall(r"(?<!!)\[[^\]]+\]\(([^)#:]+\.md)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
             assert (path.parent / target).exists(), f"{path}: {target}"
     folder = root / "docs" / "reference"
