@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from haptorb.cli import main
+from newcomers.newcomer_shell import HAPTORB, SYSTEM
 
-HAPTORB = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
 INNER = 24.17  #: radius of the z winding [mm]
 CHANGES = (
     ('name = "omni"', 'name = "mine"'),
@@ -31,11 +30,15 @@ class Shell:
 
     def __call__(self, line: str) -> tuple[int, str, str]:
         """Exit code, standard output and standard error of `haptorb LINE`."""
-        try:
-            code = main(line.split())
-        except SystemExit as end:
-            code = int(end.code or 0)
-        out, err = self._capfd.readouterr()
+        if SYSTEM:  # it is hidden in a process of its own
+            done = subprocess.run([*HAPTORB, *line.split()], capture_output=True, text=True, check=False, timeout=240)
+            code, out, err = done.returncode, done.stdout, done.stderr
+        else:
+            try:
+                code = main(line.split())
+            except SystemExit as end:
+                code = int(end.code or 0)
+            out, err = self._capfd.readouterr()
         assert "Traceback" not in out + err
         return code, out, err
 
@@ -150,7 +153,7 @@ def test_she_checks_her_device_with_a_world(shell):
 @pytest.mark.realtime
 def test_she_runs_her_device_for_a_second(shell):
     run = subprocess.run(
-        [sys.executable, "-c", HAPTORB, "run", "mine.toml", "--headless", "--duration", "1", "--json"],
+        [*HAPTORB, "run", "mine.toml", "--headless", "--duration", "1", "--json"],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr

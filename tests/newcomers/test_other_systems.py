@@ -15,7 +15,7 @@ from oracles.other_account import needs_root
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", ["win32", "darwin"])
-@pytest.mark.parametrize("user", ["application_developer", "researcher", "designer"])
+@pytest.mark.parametrize("user", ["application_developer", "researcher", "engineer", "designer"])
 def test_the_first_hour(user: str, system: str) -> None:
     file = Path(__file__).with_name(f"test_{user}.py")
     command = [sys.executable, "-m", "pytest", str(file), "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
