@@ -26,7 +26,16 @@ from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.servo import Servo
 from haptorb.web.access import AccessGate, choose_token
 from haptorb.web.console import Console
-from haptorb.web.server import HOST, bind_socket, freeze_garbage, open_browser_at, page_files, respond, server, signals
+from haptorb.web.server import (
+    PageAddress,
+    bind_socket,
+    freeze_garbage,
+    open_browser_at,
+    page_files,
+    respond,
+    server,
+    signals,
+)
 from haptorb_design.evaluate import find_base
 from haptorb_design.problem import build_device
 from haptorb_design.results_table import ResultsTable
@@ -130,9 +139,14 @@ _STATIC = Path(__file__).parent / "static"
 _MAX_REQUEST_BYTES = 1000  #: maximum size of a request [bytes]
 
 
-def application(designs: Mapping[str, Any], selection: Selection) -> Starlette:
+def application(
+    designs: Mapping[str, Any], selection: Selection, where: PageAddress = PageAddress(), frames: str = ""
+) -> Starlette:
     """The ASGI application in which pages choose among `designs` (plain JSON types), for those who know
     `app.state.token`.
+
+    where   listening and public address of the page
+    frames  origin of the consoles, which the page frames; empty: any port of the page's host
 
     Raises InputError if the page has not been built, or the environment's HAPTORB_TOKEN cannot be one.
     """
@@ -173,7 +187,15 @@ def application(designs: Mapping[str, Any], selection: Selection) -> Starlette:
             Route("/api/choose", choose, methods=["POST"]),
             Route("/api/stop", stop, methods=["POST"]),
         ],
-        middleware=[Middleware(AccessGate, token=token, frames=f"http://{HOST}:*")],
+        middleware=[
+            Middleware(
+                AccessGate,
+                token=token,
+                frames=frames or PageAddress(where.host).page_origin("*"),
+                exposed=where.exposed,
+                origin=where.origin,
+            )
+        ],
     )
     app.state.token = token
     return app
@@ -207,23 +229,40 @@ class Chooser:
             print(chooser.url)
             chooser.serve()
 
-    port   0: any free port
+    port             0: any free port
+    where            listening and public address; by default loopback only
+    console_port     port of the consoles, one after another; 0: any free port
+    console_address  public address of the consoles behind a proxy, if the page has one
     Raises InputError for a port that is not available, or pages that are not built.
     """
 
-    def __init__(self, table: ResultsTable, port: int = PORT) -> None:
+    def __init__(
+        self,
+        table: ResultsTable,
+        port: int = PORT,
+        *,
+        where: PageAddress = PageAddress(),
+        console_port: int = 0,
+        console_address: str = "",
+    ) -> None:
+        if bool(where.address) != bool(console_address):
+            raise InputError(
+                "the page shows a console, which has a port and an address of its own: give --address, "
+                "--console-address and --console-port together"
+            )
         self._table = table
+        self._console_port, self._console = console_port, PageAddress(where.host, console_address)
         self.selection = Selection(len(table.found))
-        self._socket = bind_socket(port)
+        self._socket = bind_socket(port, where.host)
         try:
-            app = application(table.describe(), self.selection)
+            app = application(table.describe(), self.selection, where, self._console.origin)
         except BaseException:
             self._socket.close()
             raise
         self.port = int(self._socket.getsockname()[1])
         self.token: str = app.state.token
-        self.origin = f"http://{HOST}:{self.port}"
-        self.url = f"{self.origin}/#{self.token}"
+        self.origin = where.page_origin(self.port)
+        self.url = f"{where.url(self.port)}#{self.token}"
         self._server = server(app)
         self._thread = threading.Thread(target=self._answer, name="haptorb-chooser")
         self._closed = threading.Event()
@@ -259,7 +298,8 @@ class Chooser:
         name = find_base(self._table.design).name if row == BASE else self._table.name(row)
         try:
             servo = Servo(self._build(row), record=False)
-            with Console(servo, 0, framed_by=self.origin) as console, freeze_garbage(), servo:
+            console = Console(servo, self._console_port, framed_by=self.origin, where=self._console)
+            with console, freeze_garbage(), servo:
                 servo.stop()
                 self.selection.set_running(servo, console.url)
                 say(f"{name} runs, SIMULATED, with its coils off until they are engaged.")

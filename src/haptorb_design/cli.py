@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptorb.cli.keys import FILES, FileKeys, KeySection
+from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.terminal import (
     CommandLine,
@@ -219,6 +220,10 @@ def report(
 def show(
     results: Annotated[str, typer.Argument(help="Results: a file, or postgresql://host/name.")],
     port: Annotated[int, typer.Option(help="Port of the page; 0 takes any free port.")] = 8764,
+    host: HostOption = "127.0.0.1",
+    address: AddressOption = "",
+    console_port: Annotated[int, typer.Option(help="Port of the console in the page; 0 takes any free port.")] = 0,
+    console_address: Annotated[str, typer.Option(help="With --address: address of that console.")] = "",
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
 ) -> None:
@@ -226,9 +231,11 @@ def show(
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.runtime.linux import describe_timing
+    from haptorb.web.server import PageAddress
 
     if timing := describe_timing():
         notify(timing)
+    where = PageAddress(host, address)
     from haptorb_design.chooser import Chooser
     from haptorb_design.results_table import ResultsTable
     from haptorb_design.store import read_results
@@ -238,7 +245,9 @@ def show(
     if not table.found:
         refusals = ", ".join(f"{one.by} rejects {one.count}" for one in table.refusals)
         raise InputError(f"{results} holds no valid design to show ({refusals or 'nothing was computed'})")
-    with Chooser(table, port) as chooser:
+    if where.warning:
+        notify(where.warning)
+    with Chooser(table, port, where=where, console_port=console_port, console_address=console_address) as chooser:
         notify(f"Open {chooser.url} in a browser. Ctrl-C ends.")
         number = chooser.serve(open_browser=browser, say=notify, until=duration)
     if number:

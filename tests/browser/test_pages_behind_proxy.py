@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from browser.proxy import PREFIX, Proxy
 from haptorb.web.server import PageAddress
+from haptorb.web.view import Viewer
 from haptorb_study.study_file import study_of
+from oracles.made_recording import make_recording
 from study.pages.test_pages import STUDY, StudyHost
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -67,6 +71,31 @@ def test_a_study_through_https_and_a_path(
     assert f"wss://{place}ws/{who}" in asked
     assert all(url.partition("#")[2] not in one for one in asked)
     proxy.close()
+
+
+def test_a_recording_through_https_and_a_path(browser: Any, certificate: Path, tmp_path: Path) -> None:
+    make_recording(tmp_path / "run.mcap", 1.0)
+    proxy = Proxy(PREFIX, certificate)
+    where = PageAddress(address=f"https://127.0.0.1:{proxy.port}{PREFIX}/")
+    with Viewer([tmp_path / "run.mcap"], 0, force_map=lambda *asked: paint_nothing(asked[-1]), where=where) as viewer:
+        proxy.target = viewer.port
+        serving = threading.Thread(target=viewer.serve)
+        serving.start()
+        with open_page(browser, viewer.url) as (page, asked):
+            wait_for(page, "!!window.timeline && timeline.overview", 1)
+            wait_for(page, "!!document.querySelector('iframe').contentWindow.player?.shown.settled", True)
+        viewer.close()
+        serving.join(10)
+    place = f"127.0.0.1:{proxy.port}{PREFIX}/"
+    asked = [one for one in asked if not one.startswith(("data:", "blob:"))]
+    assert all(one.split("//")[1].startswith(place) for one in asked)
+    assert any(one.startswith(f"wss://{place}ws?") for one in asked)
+    assert all(viewer.token not in one for one in asked)
+    proxy.close()
+
+
+def paint_nothing(points: Any) -> Any:
+    return np.zeros(len(points)), np.zeros(len(points), dtype=bool)
 
 
 @pytest.mark.parametrize("who", ["participant", "experimenter"])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.terminal import notify, print_json, show_status
 
@@ -33,6 +34,8 @@ def view(
         typer.Option("--as", help="Device to draw, name or path of a device file (default: the recording's)."),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the page; 0 takes any free port.")] = 8767,
+    host: HostOption = "127.0.0.1",
+    address: AddressOption = "",
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     duration: Annotated[float | None, typer.Option(help="Duration [s] (default: until Ctrl-C).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the address and the recordings as JSON.")] = False,
@@ -41,12 +44,19 @@ def view(
     if duration is not None and not 0 < duration < float("inf"):
         raise InputError(f"--duration must be greater than 0 s; got {duration:g} s")
     from haptorb.cli.recording import parse_time
+    from haptorb.web.server import PageAddress
     from haptorb.web.view import Viewer, parse_part
 
+    where = PageAddress(host, address)
     parts = [parse_part(one) for one in (file, other) if one is not None]
     begin, later = parse_time("--at", at), parse_time("--offset", offset) or 0.0
     with show_status("reading the recording" + "s" * (len(parts) > 1)):
-        opened = Viewer([part.path for part in parts], port, at=begin, span=parts[0].span, offset=later, device=device)
+        opened = Viewer(
+            [part.path for part in parts], port,
+            at=begin, span=parts[0].span, offset=later, device=device, where=where,
+        )  # fmt: skip
+    if warning := where.describe_exposure("see the recording"):
+        notify(warning)
     with opened as viewer:
         number = viewer.serve(open_browser=browser, ready=lambda: _tell(viewer, json), until=duration)
     if number is not None and number != signal.SIGINT:

@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from time import sleep
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Never, cast, final
+from typing import TYPE_CHECKING, Any, Literal, Never, cast, final
 
 import uvicorn
 from starlette.responses import Response
@@ -314,7 +314,11 @@ class PageAddress:
         """Scheme, host and port of `address`; empty if there is none."""
         return "/".join(self.address.split("/")[:3]).lower()
 
-    def url(self, port: int, path: str = "") -> str:
+    def page_origin(self, port: int | Literal["*"]) -> str:
+        """Origin of the page in a browser: `origin`, or that of `url`; "*" stands for any port of its host."""
+        return self.origin or "/".join(self.url(port).split("/")[:3])
+
+    def url(self, port: int | Literal["*"], path: str = "") -> str:
         """Address to open in a browser."""
         if self.address:
             return f"{self.address.rstrip('/')}/{path}"
@@ -324,13 +328,14 @@ class PageAddress:
     @property
     def warning(self) -> str:
         """Security warning for the user; empty if only this computer reaches the page."""
+        return self.describe_exposure("move the device and start it")
+
+    def describe_exposure(self, ability: str) -> str:
+        """Warning that whoever has the page's address has an `ability`; empty if only this computer reaches it."""
         if not self.exposed:
             return ""
         secret = "" if self.address.startswith("https:") else " The connection is not encrypted."
-        return (
-            "Warning: other computers can reach the page. Whoever has its whole address can move the device and start "
-            f"it.{secret}"
-        )
+        return f"Warning: other computers can reach the page. Whoever has its whole address can {ability}.{secret}"
 
 
 LOCAL = ("127.0.0.1", "localhost", "::1")  #: hosts reachable only from this computer

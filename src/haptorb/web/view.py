@@ -36,7 +36,7 @@ from haptorb.web.console_hub import PATIENCE, to_json, wait_for_first
 from haptorb.web.force_map import ForceMapSource, shell
 from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.overview import Overview
-from haptorb.web.server import HOST, bind_socket, open_browser_at, page_files, respond, server, signals
+from haptorb.web.server import PageAddress, bind_socket, open_browser_at, page_files, respond, server, signals
 from haptorb.web.server import command as read_command
 from haptorb.web.session import RecordedServo, list_shapes, session, target_scene, world_remarks, worlds
 from haptorb.web.wire import COLUMNS, MODED, encode_force_frame, mesh_frame, rows_frame
@@ -559,12 +559,16 @@ _NO_RECORDING = 4404  #: close code of a WebSocket for an unknown recording
 
 
 def application(
-    recordings: Sequence[PlayedRecording], painted: Sequence[PaintedWorlds | None], opening: Mapping[str, Any]
+    recordings: Sequence[PlayedRecording],
+    painted: Sequence[PaintedWorlds | None],
+    opening: Mapping[str, Any],
+    where: PageAddress = PageAddress(),
 ) -> Starlette:
     """Build the ASGI application that plays `recordings`; requests need `app.state.token`.
 
     painted   force maps of each recording, None if its device has none
     opening   initial state of the page: `at` [s], `range` ([s, s] or None), `offset` [s] of the second recording
+    where     listening and public address of the page
 
     Raises InputError if the pages have not been built, or HAPTORB_TOKEN of the environment is no valid token.
     """
@@ -627,7 +631,11 @@ def application(
             Route("/api/overview", overview),
             WebSocketRoute("/ws", rows),
         ],
-        middleware=[Middleware(AccessGate, token=token, free=("/", "/player"), framed=True)],
+        middleware=[
+            Middleware(
+                AccessGate, token=token, free=("/", "/player"), framed=True, exposed=where.exposed, origin=where.origin
+            )
+        ],
     )
     app.state.token = token
     return app
@@ -656,6 +664,7 @@ class Viewer:
     offset     delay of the second recording relative to the first [s]; negative: it begins earlier
     device     name or path of the device to draw; None: that of the recording
     force_map  computes the force of a device at points in space; None: a simulation of the device
+    where      listening and public address; by default loopback only
     Raises RecordingError or InputError for files that cannot be played, a port that is not available, or pages that
     have not been built.
     """
@@ -670,10 +679,11 @@ class Viewer:
         offset: float = 0.0,
         device: str | None = None,
         force_map: ForceMapSource | None = None,
+        where: PageAddress = PageAddress(),
     ) -> None:
         if not 1 <= len(paths) <= 2:
             raise InputError(f"one or two recordings can be played; got {len(paths)}")
-        self._socket = bind_socket(port)
+        self._socket = bind_socket(port, where.host)
         self.recordings: list[PlayedRecording] = []
         self._painted: list[PaintedWorlds | None] = []
         try:
@@ -683,13 +693,13 @@ class Viewer:
             part = self._clip(span)
             begin = (part[0] if part else 0.0) if at is None else at
             self.opening = {"at": begin, "range": part, "offset": offset}  #: initial state of the page [s]
-            app = application(self.recordings, self._painted, self.opening)
+            app = application(self.recordings, self._painted, self.opening, where)
         except BaseException:
             self._end()
             raise
         self.port = int(self._socket.getsockname()[1])
         self.token: str = app.state.token
-        self.url = f"http://{HOST}:{self.port}/#{self.token}"
+        self.url = f"{where.url(self.port)}#{self.token}"
         self._server = server(app)
 
     def serve(

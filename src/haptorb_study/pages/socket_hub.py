@@ -16,8 +16,8 @@ from typing import Any, final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.errors import HaptorbError, InputError
+from haptorb.web.server import PageAddress, is_stop_request
 from haptorb.web.server import command as read_command
-from haptorb.web.server import is_stop_request
 from haptorb_study.pages.page_views import experimenter_view, participant_view, pen_view
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.trial_viewers import TrialViewers
@@ -61,13 +61,13 @@ class StudySocketHub:
 
     def __init__(
         self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any],
-        participant_token: str = "",
+        participant_token: str = "", where: PageAddress = PageAddress(),
     ) -> None:  # fmt: skip
         self._manager, self._token, self._participant_token = manager, token, participant_token
         self._about, self._more = dict(about), dict(more)
         self._participants: list[StudyPage] = []  # the first controls, the others observe
         self._experimenters: list[StudyPage] = []
-        self.viewers = TrialViewers()  #: players of recorded trials, for the experimenter
+        self.viewers = TrialViewers(where)  #: players of recorded trials, for the experimenter
         self._draft: Any = None
         self._draft_of = -1
 

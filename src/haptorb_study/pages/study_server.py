@@ -97,7 +97,7 @@ class StudyServer:
         try:
             everything = {"places": list_places(manager.study), **(more or {})}
             about = describe_study(manager.study, simulated)
-            hub = StudySocketHub(manager, token, about, everything, participant_token)
+            hub = StudySocketHub(manager, token, about, everything, participant_token, where)
             self._viewers = hub.viewers
             self._server = server(application(hub, where))
         except BaseException:

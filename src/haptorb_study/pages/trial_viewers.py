@@ -15,6 +15,7 @@ from typing import final
 
 from haptorb.errors import InputError
 from haptorb.runtime.linux import start_python
+from haptorb.web.server import PageAddress
 
 __all__ = ["TrialViewers"]
 
@@ -25,9 +26,13 @@ _END_TIMEOUT_S = 2.0  #: timeout for the end of a viewer [s]
 
 @final
 class TrialViewers:
-    """Viewers by part of a recording; `urls`: part → URL, "" while its viewer starts."""
+    """Viewers by part of a recording; `urls`: part → URL, "" while its viewer starts.
 
-    def __init__(self) -> None:
+    where  listening and public address of the page that leads to them
+    """
+
+    def __init__(self, where: PageAddress = PageAddress()) -> None:
+        self._where = where
         self.urls: dict[str, str] = {}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._changing = threading.Lock()
@@ -36,9 +41,15 @@ class TrialViewers:
     def open(self, part: str, tell: Callable[[str], None]) -> None:
         """Start to play `part` (FILE#t=FROM,TO) unless it plays; a thread calls `tell` with a failure.
 
-        Raises InputError if the file does not exist.
+        Raises InputError if the file does not exist, or if the page has a public address: each viewer has a port of its
+        own, to which that does not lead.
         """
         path = Path(part.partition("#t=")[0])
+        if self._where.address:
+            raise InputError(
+                f"behind a proxy this page plays no recording: run `haptorb view '{part}'` on the study's computer, "
+                "with an --address of its own"
+            )
         if not path.exists():
             raise InputError(f"the recording {path} no longer exists")
         with self._changing:
@@ -47,7 +58,7 @@ class TrialViewers:
             while len(self._running) >= _MAX_VIEWERS:
                 self._end(next(iter(self._running)))
             process = start_python(
-                "haptorb", "view", part, "--port", "0", "--json",
+                "haptorb", "view", part, "--port", "0", "--host", self._where.host, "--json",
                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             )  # fmt: skip
             if hasattr(os, "setpriority"):

@@ -4,15 +4,20 @@ off. The servo behind it is imagined; `tests/design/cli/test_show.py` starts a r
 from __future__ import annotations
 
 import importlib.util
+import socket
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from browser.proxy import PREFIX, Proxy
+from haptorb.errors import InputError
 from haptorb.web.console import Console
+from haptorb.web.server import PageAddress
 from haptorb_design import chooser as chooser_module
 from haptorb_design.chooser import Chooser
 from haptorb_design.results_table import ResultsTable
@@ -67,8 +72,8 @@ def servos(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     imagined = _imagine()
     monkeypatch.setattr(chooser_module, "Servo", imagined)
     monkeypatch.setattr(
-        chooser_module, "Console", lambda servo, port, framed_by: Console(
-            servo, port, force_map=_paint_nothing, framed_by=framed_by
+        chooser_module, "Console", lambda servo, port, framed_by, where: Console(
+            servo, port, force_map=_paint_nothing, framed_by=framed_by, where=where
         ),
     )  # fmt: skip
     made: list[Any] = imagined.made
@@ -77,14 +82,20 @@ def servos(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 @pytest.fixture
 def chooser(servos: list[Any]) -> Iterator[Chooser]:
+    with serve_chooser() as chooser:
+        yield chooser
+    assert not any(servo.open for servo in servos)
+
+
+@contextmanager
+def serve_chooser(**where: Any) -> Iterator[Chooser]:
     table = ResultsTable.of(Results(make_design(), (Run(1, "sobol", 1, {}, "", "", tuple(make_evaluations(60))),)))
-    with Chooser(table, 0) as chooser:
+    with Chooser(table, 0, **where) as chooser:
         serving = threading.Thread(target=chooser.serve)
         serving.start()
         yield chooser
         chooser.close()
         serving.join(10)
-    assert not any(servo.open for servo in servos)
 
 
 @pytest.fixture
@@ -147,3 +158,31 @@ def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(page: Any, s
             return
         page.wait_for_timeout(20)
     raise AssertionError(servos[0].calls)
+
+
+def test_through_https_and_a_path_the_page_shows_the_console_through_another(
+    servos: list[Any], browser: Any, certificate: Path
+) -> None:
+    page_proxy, console_proxy = Proxy(PREFIX, certificate), Proxy("/console", certificate)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        console_proxy.target = free.getsockname()[1]
+    page_place = f"https://127.0.0.1:{page_proxy.port}{PREFIX}/"
+    console_place = f"https://127.0.0.1:{console_proxy.port}/console/"
+    with pytest.raises(InputError, match="--console-address"), serve_chooser(where=PageAddress(address=page_place)):
+        pass
+    where = {"where": PageAddress(address=page_place), "console_address": console_place}
+    context = browser.new_context(ignore_https_errors=True)
+    with serve_chooser(console_port=console_proxy.target, **where) as chooser:
+        page_proxy.target = chooser.port
+        assert chooser.url.startswith(f"{page_place}#")
+        page = context.new_page()
+        page.goto(chooser.url, timeout=60_000)
+        _wait(page, page, "window.chooser && chooser.now && chooser.now.state === 'none'")
+        page.locator("#feel").click()
+        shown = _wait(page, page, "chooser.now.state === 'running' && chooser.now.url")
+        assert shown.startswith(f"{console_place}#")
+        frame = _find_frame(page, shown)
+        _wait(page, frame, "window.haptorb && haptorb.frames > 0 && haptorb.status === 'stopped'")
+        context.close()
+    for proxy in (page_proxy, console_proxy):
+        proxy.close()

@@ -47,7 +47,7 @@ class _Servo:
 class _Console:
     """A console that serves until it is told."""
 
-    def __init__(self, servo, port, framed_by):
+    def __init__(self, servo, port, framed_by, where):
         self.servo, self.framed_by = servo, framed_by
         self.url = f"http://{HOST}:1/#{servo.device.name}"
 

@@ -10,9 +10,12 @@ import urllib.request
 import pytest
 
 from haptorb.errors import InputError
+from haptorb.web.server import PageAddress
 from haptorb_study.pages.report_server import ReportServer
 from haptorb_study.pages.trial_viewers import TrialViewers
+from haptorb_study.study_file import study_of
 from oracles.made_recording import make_recording
+from study.pages.test_pages import STUDY, StudyHost
 
 
 def wait_for(condition):
@@ -46,6 +49,37 @@ def test_a_trial_is_played_at_its_address_until_the_study_ends(viewers, tmp_path
     assert viewers.urls == {}
     assert not mistakes
     viewers.open(part, mistakes.append)  # too late
+    assert viewers.urls == {}
+
+
+@pytest.mark.realtime(retry=False)
+def test_from_another_computer_the_experimenters_page_leads_to_a_player_that_answers_there(tmp_path):
+    """127.0.0.2 is an address of this computer at which nothing listens unless it is asked to."""
+    path = tmp_path / "session-1-1.mcap"
+    make_recording(path)
+    host, mistakes = StudyHost(study_of(STUDY), tmp_path / "s.db", PageAddress("127.0.0.2")), []
+    try:
+        viewers = host.host._viewers
+        viewers.open(f"{path}#t=3.500,4.250", mistakes.append)
+        wait_for(lambda: all(viewers.urls.values()))
+        ((_, where),) = viewers.urls.items()
+        url, _, token = where.partition("#")
+        assert url.startswith("http://127.0.0.2:")
+        request = urllib.request.Request(f"{url}api/view", headers={"authorization": f"Bearer {token}"})
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            assert b'"range":[0.5,1.25]' in answer.read()
+    finally:
+        host.close()
+    assert not mistakes
+
+
+def test_behind_a_proxy_the_page_says_how_to_play_a_recording(tmp_path):
+    path = tmp_path / "session-1-1.mcap"
+    path.touch()
+    viewers = TrialViewers(PageAddress(address="https://lab.example/study/"))
+    with pytest.raises(InputError, match="haptorb view") as told:
+        viewers.open(f"{path}#t=1,2", lambda text: None)
+    assert f"{path}#t=1,2" in str(told.value)
     assert viewers.urls == {}
 
 

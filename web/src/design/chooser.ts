@@ -11,7 +11,7 @@ import { Scatter } from "./scatter";
 const OFTEN = 400; // ms between two questions while a device starts
 const SELDOM = 2000; // ms otherwise: another page may choose, the program may end
 const NAMED = 2; // objectives beside the name of the device that runs; the table has all of them
-const LOST = 3; // questions without an answer after which the program is gone
+const LOST = 3; // questions without an answer after which the page is covered; it goes on asking
 
 /** What the program does now. */
 interface Now {
@@ -30,7 +30,10 @@ declare global {
   }
 }
 
-const UNREACHED = { title: "The program does not respond", text: "Start `haptorb design show RESULTS`, and open the address that it prints." };
+const UNREACHED = {
+  title: "The program does not respond",
+  text: "This page comes back by itself when it does. If the program has ended, start `haptorb design show RESULTS`, and open the address that it prints.",
+};
 const BASE = -1; // what is asked for to have the base device
 
 async function ask<T>(path: string, body?: unknown): Promise<T> {

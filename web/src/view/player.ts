@@ -148,7 +148,7 @@ class Player {
   private get state() {
     const now = status(this.sample, this.session, this.silence);
     if (this.silence.disconnected) {
-      return { ...now, reason: "The viewer's server does not answer. Start `haptorb view` again, and open the address that it prints." };
+      return { ...now, reason: "The viewer's server does not answer; this page comes back by itself when it does. If it has ended, start `haptorb view` again." };
     }
     return now.reason ? { ...now, reason: `As recorded: ${now.reason}`, engageable: false } : { ...now, engageable: false };
   }
