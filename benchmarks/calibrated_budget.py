@@ -1,6 +1,6 @@
 """Whether devices that were calibrated first lie in the band of `haptorb inspect omni --errors --calibration`.
 
-    python benchmarks/calibrated_budget.py [--devices 500] [--estimator tracker] [--seed 1000] [--json]
+    python benchmarks/calibrated_budget.py [--devices 500] [--estimator tracker] [--seed 1000] [--into FILE] [--json]
 
 Each device is drawn and built as in `error_budget.py`, and calibrated by the lines of `haptorb calibrate`, by its own
 current sensors and field sensors, which are wrong. The loop believes what was found. With `--estimator hall` the field
@@ -17,9 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from error_budget import NoWrench, Trial, find_places, run_loop, try_electromagnets
+from error_budget import Errors, NoWrench, Trial, print_coverage, run_loop, try_electromagnets
 from haptorb.cli.calibration_dialog import check_steps, guide_calibration
 from haptorb.cli.calibration_measurement import Pace, hold_tool, make_driver
 from haptorb.cli.error_report import report_errors
@@ -55,39 +53,24 @@ def calibrate_trial(device: SphericalElectromagnet, trial: Trial, seed: int, est
 
 
 def count_coverage(
-    device: SphericalElectromagnet, devices: int, seed: int, samples: int, estimator: str
+    device: SphericalElectromagnet, devices: int, seed: int, samples: int, estimator: str, path: Path | None = None
 ) -> dict[str, Any]:
     """How often the true error lies in the band, by region and component, from `devices` calibrated devices."""
     own = find_calibration(device, *make_driver("sim", device, seed), estimator)
     budget = report_errors(device, estimator=estimator, calibration=own, samples=samples).budget
-    trials = try_electromagnets(device, budget.asked, seed)
-    names = (*budget.components, "size")
-    inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
-    refused = 0
-    for number in range(devices):
+    errors = Errors(budget, seed, path)
+    first = len(errors.found)
+    trials = try_electromagnets(device, budget.asked, seed, first)
+    for number in range(first, devices):
         trial = next(trials)
         believed = calibrate_trial(device, trial, seed + number, estimator).apply(device)
         try:
             error = run_loop(believed, make_estimator(believed, estimator, None), trial, seed + number)
         except NoWrench:
-            refused += 1
+            errors.add(trial.region, None)
             continue
-        for region in (trial.region, len(budget.bands) - 1):
-            for component, within in find_places(budget.bands[region], ((2,), (0, 1)), error):
-                inside[region, component] += within
-                tried[region, component] += 1
-    share = inside / np.maximum(tried, 1)
-    return {
-        "device": budget.device,
-        "estimator": estimator,
-        "devices": devices,
-        "refused": refused,
-        "size_mn": 1e3 * budget.bands[-1].size,
-        "coverage_percent": {
-            band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
-            for r, band in enumerate(budget.bands)
-        },
-    }
+        errors.add(trial.region, error)
+    return errors.count(budget, ((2,), (0, 1)))
 
 
 def main() -> None:
@@ -97,17 +80,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--samples", type=int, default=2000, help="devices of the band in each region")
     parser.add_argument("--estimator", choices=tuple(STEPS), default="tracker")
+    parser.add_argument("--into", type=Path, help="file of the devices tried so far, which is continued")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     device = electromagnet(load("omni"))
-    result = count_coverage(device, given.devices, given.seed, given.samples, given.estimator)
+    result = count_coverage(device, given.devices, given.seed, given.samples, given.estimator, given.into)
     if given.json:
         print(json.dumps(result))
-        return
-    print(f"{result['device']}, {result['estimator']}, calibrated: {result['devices']} devices, {result['refused']} "
-          f"refused by the guard; band {result['size_mn']:.2f} mN; in the 95 % band [%]:")  # fmt: skip
-    for region, shares in result["coverage_percent"].items():
-        print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
+    else:
+        print_coverage(result, f"{result['device']}, {result['estimator']}, calibrated")
 
 
 if __name__ == "__main__":

@@ -1,33 +1,38 @@
 """Whether the error of simulated devices lies in the band of `haptorb inspect DEVICE --errors` as often as it says.
 
-python benchmarks/error_budget.py [omni] [pmsm] [--devices 1500] [--seed 1000] [--json]
+python benchmarks/error_budget.py [omni] [pmsm] [planar] [--devices 1500] [--seed 1000] [--into FILE] [--json]
 
 Each device is drawn by itself, from the standard uncertainties of the device file and a seed of its own, and built:
 other magnets, coils, resistances and supply in the simulation, errors in what its current sensors, field sensors and
 tracker say. The whole loop then runs on it for half a second: driver, estimator, allocator, guard, drive; all of them
 believe the device file. The error is the simulation's true wrench less the wrench asked for. The band comes from
 another seed and from code that this file does not call but for the band itself. Each device is tried once, at a place
-and in a direction of its own.
+and in a direction of its own. With --into the errors are kept in a file, and a later call with more devices continues
+there.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
+import subprocess
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from changed_readings import ChangedReadings
-from haptorb.analysis.error_budget import ErrorBudget, WrenchBand
+from haptorb.analysis.error_budget import COVERAGE, ErrorBudget, WrenchBand
 from haptorb.arrays import Array
 from haptorb.cli.error_report import report_errors
 from haptorb.cli.progress import build_tables
 from haptorb.control.registry import make_allocator
 from haptorb.devices.base import Device, rotation_to_axis
+from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
@@ -38,6 +43,7 @@ from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.base import Simulation
+from haptorb.simulation.coil_array import SimulatedCoilArray
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds.user_world import FunctionWorld
@@ -45,6 +51,7 @@ from haptorb.worlds.user_world import FunctionWorld
 RATE = 1000.0  #: of the loop [Hz]
 TICKS = 450  #: the guard's ramp takes 300; the resistances are learned in 50
 FREQUENCY = 10.0  #: at which a force turns, as in the budget [Hz]
+ROOM = 1e-3  #: by which an array's true surface is lower: a tool in contact would get a force from it [m]
 FIRM = 100.0  #: times as stiff as the device file's is the hand: the mover stays where it is put
 
 
@@ -125,10 +132,11 @@ def draw_electronics(device: Device, rng: np.random.Generator) -> dict[str, Any]
     return {"coils": replace(coils, resistance=resistance), "supply": replace(device.supply, voltage=voltage)}
 
 
-def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int) -> Iterator[Trial]:
-    """One electromagnet after the other, the regions in turn. Coils, core and magnet are drawn by the simulation."""
-    known, number = device.uncertainty, 0
-    while True:
+def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int, first: int = 0) -> Iterator[Trial]:
+    """One electromagnet after the other from number `first`, the regions in turn. The simulation draws coils, core and
+    magnet."""
+    known = device.uncertainty
+    for number in count(first):
         rng = np.random.default_rng([seed, number])
         region = number % 3
         tool, kelvin = device.tool, known.magnet_temperature * rng.standard_normal()
@@ -154,14 +162,13 @@ def try_electromagnets(device: SphericalElectromagnet, asked: float, seed: int) 
         wrongly = ChangedReadings(simulated, wrong.apply, partial(magnetise_core, simulated))
         turning = draw_turning(asked, rng)
         yield Trial(region, wrongly, (device.contact_distance + height) * axis - shift, R, turning, R)
-        number += 1
 
 
-def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Trial]:
-    """One motor after the other, the regions in turn. The simulation draws magnets, coils, regulator, weight and field
-    sensors."""
-    known, number = device.uncertainty, 0
-    while True:
+def try_motors(device: SphericalMotor, asked: float, seed: int, first: int = 0) -> Iterator[Trial]:
+    """One motor after the other from number `first`, the regions in turn. The simulation draws magnets, coils,
+    regulator, weight and field sensors."""
+    known = device.uncertainty
+    for number in count(first):
         rng = np.random.default_rng([seed, number])
         region = number % 3
         warm = 1 + known.remanence_drift * known.magnet_temperature * rng.standard_normal()
@@ -177,7 +184,43 @@ def try_motors(device: SphericalMotor, asked: float, seed: int) -> Iterator[Tria
         firm = replace(device.hand, stiffness=FIRM * device.hand.stiffness, damping=30 * device.hand.damping)
         simulation = ChangedReadings(SimulatedMotor(true, seed + number, grasp=firm), wrong.apply)
         yield Trial(region, simulation, np.zeros(3), R, turning, np.eye(3))
-        number += 1
+
+
+def try_arrays(device: CoilArray, asked: float, seed: int, first: int = 0) -> Iterator[Trial]:
+    """One coil array after the other from number `first`, the regions in turn. The simulation draws coils and magnets;
+    the force is at rest."""
+    known, surface = device.uncertainty, device.surface
+    for number in count(first):
+        rng = np.random.default_rng([seed, number])
+        region = number % 3
+        warm = 1 + known.remanence_drift * known.magnet_temperature * rng.standard_normal()
+        magnets = tuple(replace(magnet, remanence=magnet.remanence * warm) for magnet in device.tool.magnets)
+        radius = surface.dome_radius and surface.dome_radius - ROOM
+        true = replace(
+            device,
+            tool=replace(device.tool, magnets=magnets),
+            surface=replace(surface, dome_radius=radius, height=surface.height - ROOM),
+            hand=replace(
+                device.hand,
+                stiffness=FIRM * device.hand.stiffness,
+                damping=30 * device.hand.damping,
+                turn_stiffness=FIRM * device.hand.turn_stiffness,
+                turn_damping=30 * device.hand.turn_damping,
+            ),
+            **draw_electronics(device, rng),
+        )
+        wrong = draw_wrong_reading(device, rng, known.place, known.axis)
+        height = surface.thickness * (rng.uniform() + region - 1) / 2 if region else 0.0
+        if surface.is_dome:
+            z, turn = rng.uniform(np.cos(surface.half_angle), 1.0), rng.uniform(0, 2 * np.pi)
+            axis = np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+            p, R = (device.contact_height + height) * axis, rotation_to_axis(axis)
+        else:
+            side = np.array(surface.half_width)
+            p, R = np.array([*rng.uniform(-side, side), device.contact_height + height]), np.eye(3)
+        force = np.append(asked * draw_direction(rng), np.zeros(3))
+        simulated = SimulatedCoilArray(true, number, specimen=seed + number)
+        yield Trial(region, ChangedReadings(simulated, wrong.apply), p, R, np.stack([force, np.zeros(6)]), R)
 
 
 def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> Array:
@@ -207,7 +250,7 @@ def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> A
     x = float(np.mean(device.coils.resistance / device.coils.inductance)) / RATE
     share = 1 / -np.expm1(-x) - 1 / x
     error = total - (share * ask(TICKS - 2) + (1 - share) * ask(TICKS - 3))
-    part = error[:3] if device.shell is not None else error[3:]
+    part = error[3:] if device.kind.name == "spherical-motor" else error[:3]
     return trial.axes.T @ part
 
 
@@ -219,41 +262,102 @@ def find_places(band: WrenchBand, components: tuple[tuple[int, ...], ...], error
     yield len(components), bool(np.linalg.norm(error) <= band.size)
 
 
+class Errors:
+    """Errors of the devices tried so far, (3,) or None where the guard refused; kept in a file of JSON lines, if
+    `path` is given.
+
+    SystemExit for a file of another device, estimator, wrench or seed.
+    """
+
+    def __init__(self, budget: ErrorBudget, seed: int, path: Path | None) -> None:
+        self._path, self.found, self.commits = path, list[tuple[int, Array | None]](), set[str]()
+        self._known = {
+            "device": budget.device, "estimator": budget.estimator, "asked": budget.asked, "seed": seed,
+        }  # fmt: skip
+        command = ["git", "describe", "--always", "--dirty"]
+        found = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+        self._commit = found.stdout.strip()
+        if path is None or not path.exists():
+            return
+        for line in path.read_text(encoding="utf-8").splitlines():
+            row = json.loads(line)
+            if other := {key: row[key] for key, value in self._known.items() if row[key] != value}:
+                raise SystemExit(f"{path} has other trials, with {other}; expected {self._known}: give another file")
+            self.commits.add(row["commit"])
+            self.found.append((row["region"], None if row["error"] is None else np.array(row["error"])))
+
+    def add(self, region: int, error: Array | None) -> None:
+        """Add the next device."""
+        self.found.append((region, error))
+        self.commits.add(self._commit)
+        if self._path is not None:
+            plain = None if error is None else error.tolist()
+            row = {**self._known, "number": len(self.found) - 1, "region": region, "error": plain}
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({**row, "commit": self._commit}) + "\n")
+
+    def count(self, budget: ErrorBudget, components: tuple[tuple[int, ...], ...]) -> dict[str, Any]:
+        """How often they lie in the bands of `budget`, by region and component."""
+        names = (*budget.components, "size")
+        inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
+        kept = [(region, error) for region, error in self.found if error is not None]
+        for own, error in kept:
+            for region in (own, len(budget.bands) - 1):
+                for component, within in find_places(budget.bands[region], components, error):
+                    inside[region, component] += within
+                    tried[region, component] += 1
+        share = inside / np.maximum(tried, 1)
+        return {
+            "device": budget.device,
+            "estimator": budget.estimator,
+            "devices": len(self.found),
+            "refused": len(self.found) - len(kept),
+            "size": budget.bands[-1].size,
+            "unit": budget.unit,
+            "standard_deviation_percent": round(100 * np.sqrt(COVERAGE * (1 - COVERAGE) / max(len(kept), 1)), 2),
+            "coverage_percent": {
+                band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
+                for r, band in enumerate(budget.bands)
+            },
+        }
+
+
+def print_coverage(found: dict[str, Any], title: str) -> None:
+    """Print what `Errors.count` found."""
+    print(f"{title}: {found['devices']} devices, {found['refused']} refused by the guard; size of the band "
+          f"{1e3 * found['size']:.2f} m{found['unit']}; in the 95 % band, known to "
+          f"{found['standard_deviation_percent']:.1f} % (one standard deviation) [%]:")  # fmt: skip
+    for region, shares in found["coverage_percent"].items():
+        print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
+
+
 def count_coverage(
-    device: Device, budget: ErrorBudget, devices: int, seed: int, report: Callable[[int], None] = lambda number: None
+    device: Device, budget: ErrorBudget, devices: int, seed: int, path: Path | None = None
 ) -> dict[str, Any]:
     """How often the true error lies in the band, by region and component, from `devices` devices."""
-    known = device.kind.name == "spherical-motor"
-    trials = (try_motors if known else try_electromagnets)(device, budget.asked, seed)  # type: ignore[operator]
-    components = ((0,), (1,), (2,)) if known else ((2,), (0, 1))
-    names = (*budget.components, "size")
-    inside, tried = (np.zeros((len(budget.bands), len(names))) for _ in range(2))
-    estimator, refused = make_estimator(device, budget.estimator, None), 0
-    for number in range(devices):
-        if not known:  # a motor's takes long to make, and finds its way from one motor to the next
+    errors = Errors(budget, seed, path)
+    first = len(errors.found)
+    components: tuple[tuple[int, ...], ...] = ((2,), (0, 1))
+    match device:
+        case SphericalMotor():
+            trials, components = try_motors(device, budget.asked, seed, first), ((0,), (1,), (2,))
+        case CoilArray():
+            trials = try_arrays(device, budget.asked, seed, first)
+        case SphericalElectromagnet():
+            trials = try_electromagnets(device, budget.asked, seed, first)
+        case _:
+            raise SystemExit(f"'{device.name}' is a {device.kind.title}: no devices of that kind are drawn here")
+    estimator = make_estimator(device, budget.estimator, None)
+    for number in range(first, devices):
+        # a motor's takes long to make, and finds its way from one motor to the next
+        if not isinstance(device, SphericalMotor):
             estimator = make_estimator(device, budget.estimator, None)
         trial = next(trials)
         try:
-            error = run_loop(device, estimator, trial, seed + number)
+            errors.add(trial.region, run_loop(device, estimator, trial, seed + number))
         except NoWrench:
-            refused += 1
-            continue
-        for region in (trial.region, len(budget.bands) - 1):
-            for component, within in find_places(budget.bands[region], components, error):
-                inside[region, component] += within
-                tried[region, component] += 1
-        report(number)
-    share = inside / np.maximum(tried, 1)
-    return {
-        "device": budget.device,
-        "estimator": budget.estimator,
-        "devices": devices,
-        "refused": refused,
-        "coverage_percent": {
-            band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
-            for r, band in enumerate(budget.bands)
-        },
-    }
+            errors.add(trial.region, None)
+    return errors.count(budget, components)
 
 
 def main() -> None:
@@ -264,20 +368,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--samples", type=int, default=2000, help="devices of the band in each region")
     parser.add_argument("--estimator", help="instead of the device's first")
+    parser.add_argument("--into", type=Path, help="file of the devices tried so far, which is continued")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    if given.into is not None and len(given.names) != 1:
+        parser.error("--into is for one device")
     for name in given.names:
         device = load(name)
         build_tables(device)
         budget = report_errors(device, estimator=given.estimator, samples=given.samples).budget
-        result = count_coverage(device, budget, given.devices, given.seed)
+        result = count_coverage(device, budget, given.devices, given.seed, given.into)
         if given.json:
             print(json.dumps(result))
-            continue
-        head = f"{result['device']}, {result['estimator']}: {result['devices']} devices"
-        print(f"{head}, {result['refused']} refused by the guard; in the 95 % band [%]:")
-        for region, shares in result["coverage_percent"].items():
-            print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
+        else:
+            print_coverage(result, f"{result['device']}, {result['estimator']}")
 
 
 if __name__ == "__main__":
