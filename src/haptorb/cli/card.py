@@ -189,7 +189,7 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
     if (hot < peak).any():
         amperes += f" peak at 20 °C, {hot.min():.3g} A hot"
     else:
-        amperes += " peak"
+        amperes += " peak at 20 °C and hot"
     names = ", ".join(coils.names) if device.channels <= 6 else f"{coils.names[0]} … {coils.names[-1]}"
     torque = f"{limits.torque * 1e3:g} mN·m" if limits.torque < 1 else f"{limits.torque:g} N·m"
     guard = f"{limits.force:g} N, {torque}, {limits.slew / 1e3:g} A/ms, poses expire after {limits.expiry * 1e3:g} ms"
