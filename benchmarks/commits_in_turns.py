@@ -1,12 +1,13 @@
 """Another commit and this tree by turns, in one run on one machine: ticks, and the first start.
 
-    python benchmarks/commits_in_turns.py COMMIT [--rounds 5] [--only ticks|start] [--json]
+    python benchmarks/commits_in_turns.py COMMIT [--rounds 5] [--only ticks|start] [--folder FOLDER] [--json]
 
 ticks  `haptorb bench tick`: the median over `--rounds` runs of each row, and this tree's over the commit's
 start  a servo of omni with an empty cache, then one of pmsm, which has another number of coils, with that cache: time
        of the whole process, the least of `--rounds`
 The commit is checked out into a temporary folder and runs with this Python and these packages. Each side has a cache of
-its own. Run it on a machine that does nothing else. The exit code is 1 if a ratio is above 1.03.
+its own. With --folder both stay there, so that another call need not compile for ticks. Run it on a machine that does
+nothing else. The exit code is 1 if a ratio is above 1.03.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections import defaultdict
+from contextlib import nullcontext
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -61,6 +64,7 @@ class Side:
     def time_start(self, number: int) -> dict[str, float]:
         """Device → time of its first start [s]."""
         times = {}
+        shutil.rmtree(self._folder / f"empty-{number}", ignore_errors=True)
         for device in ("omni", "pmsm"):
             begin = perf_counter()
             self.run(START.format(device=device), f"empty-{number}")
@@ -92,14 +96,15 @@ def main() -> int:
     parser.add_argument("commit")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", choices=("ticks", "start"))
+    parser.add_argument("--folder", type=Path, help="of checkout and caches, which are kept for the next call")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with nullcontext(options.folder) if options.folder else tempfile.TemporaryDirectory() as name:
+        folder = Path(name).resolve()
+        for side in ("old", "new"):
+            (folder / side).mkdir(parents=True, exist_ok=True)
         packed = subprocess.run(["git", "archive", options.commit, "src"], cwd=ROOT, capture_output=True, check=True)
         subprocess.run(["tar", "-x", "-C", folder], input=packed.stdout, check=True)
-        (folder / "old").mkdir()
-        (folder / "new").mkdir()
         old, new = Side(folder / "src", folder / "old"), Side(ROOT / "src", folder / "new")
         found = compare(old, new, options.rounds, options.only)
     if options.json:
