@@ -28,9 +28,13 @@ from time import perf_counter
 ROOT = Path(__file__).resolve().parents[1]
 MOST = 1.03  #: ratio that still counts as equal
 TICKS = """
-import runpy, sys
+import sys
+try:
+    from haptorb.cli import main
+except ImportError:  # commits before the command line was a package of its own
+    from haptorb.apps.cli import main
 sys.argv[1:] = ["bench", "tick", "--json"]
-runpy.run_module("haptorb", run_name="__main__")
+sys.exit(main())
 """
 START = """
 import haptorb

@@ -307,6 +307,7 @@ class Errors:
                     inside[region, component] += within
                     tried[region, component] += 1
         share = inside / np.maximum(tried, 1)
+        sizes = 100 / budget.asked * np.linalg.norm([error for _, error in kept] or np.zeros((1, 3)), axis=1)
         return {
             "device": budget.device,
             "estimator": budget.estimator,
@@ -314,6 +315,10 @@ class Errors:
             "refused": len(self.found) - len(kept),
             "size": budget.bands[-1].size,
             "unit": budget.unit,
+            "error_percent_of_asked": {
+                "median": round(float(np.median(sizes)), 2),
+                "95": round(float(np.quantile(sizes, 0.95)), 2),
+            },
             "standard_deviation_percent": round(100 * np.sqrt(COVERAGE * (1 - COVERAGE) / max(len(kept), 1)), 2),
             "coverage_percent": {
                 band.region: {name: round(100 * float(share[r, n]), 1) for n, name in enumerate(names)}
@@ -324,9 +329,11 @@ class Errors:
 
 def print_coverage(found: dict[str, Any], title: str) -> None:
     """Print what `Errors.count` found."""
-    print(f"{title}: {found['devices']} devices, {found['refused']} refused by the guard; size of the band "
-          f"{1e3 * found['size']:.2f} m{found['unit']}; in the 95 % band, known to "
-          f"{found['standard_deviation_percent']:.1f} % (one standard deviation) [%]:")  # fmt: skip
+    error = found["error_percent_of_asked"]
+    print(f"{title}: {found['devices']} devices, {found['refused']} refused by the guard; error {error['median']} % of "
+          f"what was asked (median), 95 % below {error['95']} %; size of the band {1e3 * found['size']:.2f} "
+          f"m{found['unit']}")  # fmt: skip
+    print(f"in the 95 % band, known to {found['standard_deviation_percent']:.1f} % (one standard deviation) [%]:")
     for region, shares in found["coverage_percent"].items():
         print(f"  {region:32s}" + "".join(f"{part}: {share:5.1f}   " for part, share in shares.items()))
 

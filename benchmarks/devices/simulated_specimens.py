@@ -27,6 +27,7 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.trackers.base import Goal
+from haptorb.simulation import built_motor
 from haptorb.simulation.built_array import draw_coils, draw_strength, fill_array_truth, make_array_truth
 from haptorb.simulation.built_electromagnet import draw_electromagnet, fill_truth
 from haptorb.simulation.built_motor import draw_motor, fill_field, fill_torque
@@ -118,7 +119,7 @@ def time_best(call: Callable[[], object]) -> float:
 
 
 def time_driver(device: Device, rate: float) -> float:
-    """Median time of reading and writing in a tick while the hand moves [µs]."""
+    """Time of reading and writing in a tick while the hand moves [µs]: the least of ten medians."""
     rest, times, still = device.rest_position, np.empty(TICKS), np.zeros(device.channels)
 
     def goal(now: float) -> Goal:
@@ -133,7 +134,7 @@ def time_driver(device: Device, rate: float) -> float:
             driver.read(n / rate)
             driver.write(still)
             times[n] = perf_counter() - start
-    return 1e6 * float(np.median(times))
+    return 1e6 * float(np.median(times.reshape(10, -1), axis=1).min())
 
 
 def measure(name: str, specimens: int, poses: int, rate: float) -> dict[str, Any]:
@@ -143,6 +144,8 @@ def measure(name: str, specimens: int, poses: int, rate: float) -> dict[str, Any
     make_specimen(device, 0)  # compiles
     simulate(device, 0)
     for number in range(specimens):
+        for tables in vars(built_motor).values():  # those of a motor are shared by its specimens
+            getattr(tables, "cache_clear", int)()
         start = perf_counter()
         simulate(device, number)
         making.append(perf_counter() - start)
