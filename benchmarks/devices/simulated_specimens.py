@@ -95,7 +95,11 @@ def draw_states(device: Device, count: int, rng: np.random.Generator) -> list[St
     for _ in range(count):
         if isinstance(device, SphericalMotor):
             tilts = device.workspace_tilt * rng.uniform(-1, 1, 2)
-            states.append(State.at((0, 0, 0), R_SR=rotation_from_euler(*tilts, rng.uniform(0, 2 * np.pi))))
+            states.append(
+                State.at(
+                    (0, 0, 0), R_SR=rotation_from_euler(float(tilts[0]), float(tilts[1]), rng.uniform(0, 2 * np.pi))
+                )
+            )
         elif isinstance(device, CoilArray) and not device.surface.is_dome:
             side, up = np.array(device.surface.half_width), rng.uniform(0, device.surface.thickness)
             states.append(State.at((*rng.uniform(-side, side), device.contact_height + up), R_SR=np.eye(3)))

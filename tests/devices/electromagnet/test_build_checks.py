@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.cli import main
+from haptorb.cli.card import print_card
 from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.electromagnet import ELECTROMAGNET, feasible_wrench, find_sensor_field, shell_capability
@@ -14,6 +15,7 @@ from haptorb.errors import DeviceError
 from haptorb.magnetics.magnets import RingMagnet
 from haptorb.rotations import rotation_from_euler
 from haptorb.simulation.registry import simulate
+from haptorb.terminal import make_console
 from haptorb_design.problem import BUILD
 from oracles import wound_coils
 
@@ -287,3 +289,5 @@ def test_no_peak_is_more_than_the_supply_drives_and_the_card_shows_the_hot_curre
     with pytest.raises(SystemExit, match="0"):
         main(["inspect", "omni"])
     assert f"20 A peak at 20 °C, {20 / (1 + 0.00393 * 75):.3g} A hot" in " ".join(capsys.readouterr().out.split())
+    print_card(load("pmsm"), make_console(), ())  # 60 V over two coils of 22 Ω: 1.05 A at 95 °C
+    assert "1 A peak at 20 °C and hot, 0.2" in " ".join(capsys.readouterr().out.split())
