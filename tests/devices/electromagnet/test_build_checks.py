@@ -289,5 +289,5 @@ def test_no_peak_is_more_than_the_supply_drives_and_the_card_shows_the_hot_curre
     with pytest.raises(SystemExit, match="0"):
         main(["inspect", "omni"])
     assert f"20 A peak at 20 °C, {20 / (1 + 0.00393 * 75):.3g} A hot" in " ".join(capsys.readouterr().out.split())
-    print_card(load("pmsm"), make_console(), ())  # 60 V over two coils of 22 Ω: 1.05 A at 95 °C
+    print_card(load("pmsm"), make_console(), ())  # 60 V over 45.5 Ω: 1.02 A at 95 °C
     assert "1 A peak at 20 °C and hot, 0.2" in " ".join(capsys.readouterr().out.split())
