@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -28,7 +29,13 @@ def test_a_rule_can_be_broken_and_its_tests_are_there(proofs, marker):
     assert proof.broken != proof.path.read_text(encoding="utf-8")
     place, _, name = proof.tests.partition("[")[0].partition("::")  # a file, or one test of it
     assert (ROOT / place).exists(), f"'{proof.rule}' is proved by tests that are gone"
-    assert not name or f"def {name}(" in (ROOT / place).read_text(encoding="utf-8"), f"'{proof.rule}': {name} is gone"
+    text = (ROOT / place).read_text(encoding="utf-8")
+    before, found, _ = text.partition(f"def {name}(")
+    assert not name or found, f"'{proof.rule}': {name} is gone"
+    nightly = re.search(r"^pytestmark = .*mark\.slow", text, re.MULTILINE) or (
+        name and "@pytest.mark.slow" in before.rpartition("\n\n\n")[2]
+    )
+    assert not nightly, f"'{proof.rule}' is proved in the nightly run only"
 
 
 def mark(folder: Path, text: str) -> dict[str, object]:

@@ -1,5 +1,7 @@
 """What every world promises; a new one is tested by being listed in `worlds.CATALOGUE`."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,6 +17,7 @@ from oracles.repetitions import repetitions
 HOMES = {name: load(name) for name in catalogue() if name in ("omni", "pmsm")}
 
 
+@cache
 def at_home(name):
     """The world as a device renders it: the first device that can."""
     for device in HOMES.values():
@@ -130,7 +133,7 @@ def test_it_keeps_its_bound(name):
     world, _ = at_home(name)
     assert np.isfinite(world.bound)
     rng = np.random.default_rng(3)
-    for _ in range(repetitions(500, 1500)):
+    for _ in range(repetitions(200, 1500)):
         p = rng.normal(size=3)
         p *= rng.uniform(0.045, 0.075) / np.linalg.norm(p)
         state = State.at(p, v=rng.normal(size=3) * 0.5, t=float(rng.uniform(0, 10)))
@@ -142,7 +145,7 @@ def test_a_continuous_world_has_no_jumps(name):
     """Halving the step halves the greatest change, on paths through the whole shell."""
     world, _ = at_home(name)
     rng = np.random.default_rng(5)
-    for _ in range(repetitions(3, 10)):
+    for _ in range(repetitions(2, 10)):
         a, b = rng.normal(size=(2, 3))
         a, b = (0.055 * x / np.linalg.norm(x) * (1 if x[2] > 0 else -1) for x in (a, b))
         angle = np.arccos(np.clip(a @ b / 0.055**2, -1, 1))

@@ -18,7 +18,8 @@ from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
 from haptorb.runtime.servo_process import disagreement
 
-pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(900)]
+# Its two halves are in every run: the dialog on a simulated device, and the id in the EEPROM (test_emulated_board.py).
+pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(900)]
 
 PACE = 0.2
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

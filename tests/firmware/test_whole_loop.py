@@ -45,7 +45,7 @@ def emulated(built: Path, tmp_path: Path, omni: SphericalElectromagnet) -> Itera
     device.close()
 
 
-@pytest.mark.parametrize("tracker", ["tracker", "hall"])
+@pytest.mark.parametrize("tracker", [pytest.param("tracker", marks=pytest.mark.slow), "hall"])
 def test_a_dome_is_felt_through_the_real_firmware(
     omni: SphericalElectromagnet, emulated: tuple[EmulatedDevice, Emulator], tracker: str
 ) -> None:

@@ -73,7 +73,8 @@ _ALL = (
     Reproduction("zarate2020", "figure 7", "The core's moment against the currents, from the Hall sensors"),
     Reproduction("zarate2020", "drive", "Currents in a winding 60 K warmer"),
     Reproduction("zarate2020", "inverse error", "Forces of the dipole inverse and the exact inverse over the shell"),
-    Reproduction("zarate2020", "hall position", "Tool position from the Hall sensors, without a tracker"),
+    Reproduction("zarate2020", "hall position", "Tool position from the Hall sensors, without a tracker",
+                 slow=True),
     Reproduction("zarate2020", "study", "Set-points and order of the study"),
 )  # fmt: skip
 

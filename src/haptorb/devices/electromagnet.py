@@ -222,12 +222,15 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
         sides = 2 * np.pi * np.arange(_SIDES) / _SIDES
         away = np.outer(np.cos(sides), first) + np.outer(np.sin(sides), second)
         leaning = np.cos(GREATEST_LEAN) * radial + np.sin(GREATEST_LEAN) * away
-        for axis in np.vstack([radial, leaning]):
-            middle = device.dome_radius * radial + tool.tip_distance * axis
-            apart = at[:, None] - (middle + rows[:3].T @ rotation_to_axis(axis).T)  # (k, charges, 3)
-            size = np.linalg.norm(apart, axis=2)
-            field = MU0 / (4 * np.pi) * np.einsum("n,kni->ki", rows[3], apart / size[..., None] ** 3)
-            greatest = np.maximum(greatest, np.abs(field).max(axis=1))
+        axes = np.vstack([radial, leaning])
+        turns = np.array([rotation_to_axis(axis) for axis in axes])
+        middles = device.dome_radius * radial + tool.tip_distance * axes
+        charges = middles[:, None] + np.einsum("sab,bn->sna", turns, rows[:3])  # (sides, charges, 3)
+        x, y, z = (at[:, i, None, None] - charges[..., i] for i in range(3))  # (k, sides, charges)
+        square = x * x + y * y + z * z
+        strength = MU0 / (4 * np.pi) * rows[3] / (square * np.sqrt(square))
+        for apart in (x, y, z):
+            greatest = np.maximum(greatest, np.abs((strength * apart).sum(axis=2)).max(axis=1))
     per_ampere, away = device.coil_fields(at), np.linalg.norm(at, axis=1)[:, None, None]
     # the core's answer to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
     at_core = MU0 * tool.moment / (2 * np.pi * (device.contact_distance * np.cos(GREATEST_LEAN)) ** 3)
@@ -493,7 +496,8 @@ class SphericalElectromagnet(Device):
             )  # fmt: skip
         outside = np.linalg.norm(self.hall.positions.reshape(-1, 3), axis=1) > self.dome_radius
         if outside.any():
-            away = np.where(outside, pen_distance(self, self.hall.positions, GREATEST_LEAN), np.inf)
+            away = np.full(len(outside), np.inf)
+            away[outside] = pen_distance(self, self.hall.positions[outside], GREATEST_LEAN)
             worst = int(np.argmin(away))
             found.append(
                 BuildCheck(

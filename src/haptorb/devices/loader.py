@@ -185,10 +185,11 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
 
 def _refuse_idle(text: DeviceText, file: Any) -> None:
     """ValueError for a value of the file itself, not of its base, that changes nothing beside what else it says."""
-    inherited = text.inheritance
     for key, reason in getattr(file, "list_idle", tuple)():
-        own = inherited is None or any(one == key or one.startswith(f"{key}.") for one in inherited.own)
-        if own and _is_stated(file, key):
+        if not _is_stated(file, key):
+            continue
+        inherited = text.inheritance
+        if inherited is None or any(one == key or one.startswith(f"{key}.") for one in inherited.own):
             raise ValueError(f"{key} has no effect: {reason}; leave it out")
 
 

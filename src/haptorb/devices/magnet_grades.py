@@ -8,6 +8,7 @@ and of the coils at their peak. The knee moves towards zero as the magnet warms.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Literal, final
 
 import numpy as np
@@ -118,13 +119,20 @@ def own_field(magnet: CylinderMagnet | RingMagnet) -> float:
     return float(magnet.polarization) / MU0 * float((upper + lower).max())
 
 
+@cache
+def _list_nodes() -> tuple[Array, Array]:
+    """Gauss's points and weights around the axis: computed once, because they take as long as the rest of a check."""
+    nodes, weights = np.polynomial.legendre.leggauss(_TURN)
+    return nodes, weights
+
+
 def _face_strength(magnet: CylinderMagnet | RingMagnet, rho: Array, depth: Array) -> Array:
     """(n,) field strength along the axis, at `depth` [m] below a face of unit charge per area, off the axis by `rho`.
 
     The integral over the radius in closed form, that around the axis at Gauss's points, which crowd where the face is
     near (φ = w sinh u). A device is read without compiled code.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_TURN)
+    nodes, weights = _list_nodes()
     w = (depth / np.hypot(rho, depth))[:, None]
     most = np.arcsinh(np.pi / w)
     u = 0.5 * most * (1 + nodes)

@@ -109,7 +109,7 @@ def test_a_mistake_of_the_command_is_one_message(capsys, words, expected) -> Non
     assert not out
 
 
-@pytest.mark.parametrize("name", ["planar", "tetrahedron"])
+@pytest.mark.parametrize("name", [pytest.param("planar", marks=pytest.mark.slow), "tetrahedron"])
 def test_a_coil_array_has_a_budget_and_none_without_errors(name) -> None:
     """With a core and without; where nothing is uncertain, what is asked is delivered."""
     device = load(name)

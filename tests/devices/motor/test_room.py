@@ -97,7 +97,7 @@ def clouds(motor, draw):
     return made
 
 
-@pytest.mark.parametrize("name", ["pmsm", "pmsm-three-rings"])
+@pytest.mark.parametrize("name", ["pmsm", pytest.param("pmsm-three-rings", marks=pytest.mark.slow)])
 def test_what_moves_past_what_stands_has_the_room_that_the_card_states(name):
     motor, draw = haptorb.load(name), np.random.default_rng(3)
     made, poses = clouds(motor, draw), draw_poses(motor.workspace_tilt, 2, draw)

@@ -259,6 +259,7 @@ def test_the_regulator_holds_the_weight_also_where_both_tilts_are_full():
         assert motor.regulator.torque(tilt) == pytest.approx(weight * np.sin(tilt), rel=0.135)
 
 
+@pytest.mark.slow
 def test_what_the_coils_do_to_the_regulators_ring_is_told_and_small():
     """Against filaments of the coil in the ring's field: the torque of the nearest coil at the worst tilt."""
     motor = haptorb.load("pmsm")

@@ -20,6 +20,7 @@ from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.estimation.load_calibration import LoadRecord, calibrate_by_loads, list_columns, read_loads
 from haptorb.rotations import quaternion
 from haptorb.simulation.built_electromagnet import BuiltElectromagnet, compute_fields, draw_electromagnet, fill_truth
+from oracles.repetitions import repetitions
 
 OMNI = load("omni")
 assert isinstance(OMNI, SphericalElectromagnet)
@@ -69,7 +70,7 @@ def find_error(believed: SphericalElectromagnet, built: BuiltElectromagnet) -> f
 
 def test_forty_readings_halve_what_field_sensors_leave_and_find_the_magnets_strength():
     left, before, deviations = [], [], []
-    for specimen in range(4):
+    for specimen in range(repetitions(2, 4)):
         built = draw_electromagnet(OMNI, specimen)
         known = sense(built)
         found, rms = calibrate_by_loads(OMNI, known, weigh(built, seed=specimen))

@@ -175,7 +175,7 @@ def test_knowing_the_sensors_is_worth_it():
     assert np.trace(after[:3, :3]) < 0.05 * np.trace(before[:3, :3])
 
 
-@pytest.mark.parametrize("what", ["earth", "steel"])
+@pytest.mark.parametrize("what", ["earth", pytest.param("steel", marks=pytest.mark.slow)])
 def test_what_the_earths_field_and_a_steel_ball_cost_is_what_the_tracker_loses(what):
     """The rows of `inspect --sensing`, coils off, against the tracker on simulated readings without errors."""
     still = without_errors(OMNI)

@@ -127,11 +127,11 @@ def test_a_program_that_fails_is_a_row_that_says_so(monkeypatch, tmp_path):
 
 
 def test_the_command(capsys, tmp_path):
-    words = ["bench", "allocation", "--effort", "0.02", "--json", "--store", str(tmp_path / "b.json")]
+    words = ["bench", "training", "--effort", "0.02", "--json", "--store", str(tmp_path / "b.json")]
     with pytest.raises(SystemExit) as end:
         main(words)
     assert not end.value.code
     told = json.loads(capsys.readouterr().out)
     assert told == json.loads((tmp_path / "b.json").read_text())
-    assert told["command"] == "haptorb bench allocation --effort 0.02"
+    assert told["command"] == "haptorb bench training --effort 0.02"
     assert set(BENCHMARKS) >= {"magnetics", "estimation", "allocation", "tick", "training", "recording"}

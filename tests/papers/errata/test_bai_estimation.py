@@ -12,6 +12,7 @@ from haptorb.cli.training import figure_4, random_workspace, relative_error
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import LinearTorque, read_networks
 from haptorb.estimation.types import Pose, Sample
+from oracles.repetitions import repetitions
 
 EM17 = 16
 
@@ -50,7 +51,7 @@ def test_a_linear_map_of_all_readings_is_a_tenth_off(pmsm):
 
 
 def test_least_squares_follow_figure_4_exactly_and_with_noise_to_a_two_thousandth(pmsm):
-    R = figure_4(721)
+    R = figure_4(repetitions(91, 721))
     true = pmsm.torque_characteristic(R, "table")[:, :, EM17]
     nobody = Pose(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), False)
     for sigma, most in ((0.0, 1e-6), (1e-4, 5e-4), (1e-3, 5e-3)):

@@ -99,6 +99,7 @@ def test_published_model_against_exact_bodies_over_the_workspace(true):
     assert rms_of_peak < 0.012
 
 
+@pytest.mark.slow
 def test_other_readings_are_far_off(true):
     """E1: the coil's length as l/2a = 0.3, or the magnet's l̄/l as printed."""
     aspect = load_published("bai2012-em-aspect")

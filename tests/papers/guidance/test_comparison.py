@@ -1,13 +1,20 @@
-"""The comparison in a reduced form: one grip, one path; the whole is `haptorb guidance`."""
+"""The comparison in a reduced form: one grip, one path (nightly); the whole is `haptorb guidance`."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from haptorb.analysis.stability import GRIPS
 from haptorb.cli.program import main
 from haptorb.devices.loader import load
-from haptorb_papers.guidance import WAYS, compare_guidance
+from haptorb.worlds.path import make_shape
+from haptorb.worlds.path_guidance import PathGuidance
+from haptorb_papers.guidance import WAYS, GuidanceComparison, compare_guidance
+from haptorb_papers.guidance.comparison import GuidanceRow
+from haptorb_papers.guidance.person import Habits
+from haptorb_papers.guidance.trial import MovingPoint, run_trial
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +40,8 @@ def test_at_equal_mean_force_the_plan_halves_the_valleys_error_for_every_grip(gr
     assert whole.drift[grip, "plan"] < 5e-4
 
 
-def test_a_hand_at_rest_is_dragged_by_the_clock_only(found):
+@pytest.mark.slow
+def test_in_the_comparison_a_hand_at_rest_is_dragged_by_the_clock_only(found):
     assert found.drift["light", "plan"] < 5e-4
     assert found.drift["light", "spring"] > 1e-3
 
@@ -55,5 +63,25 @@ def test_mistakes_are_told(words, capsys):
     assert "haptorb: " in capsys.readouterr().err
 
 
-def test_numbers_are_json(found):
-    assert json.loads(json.dumps(found.numbers()))["plan_over_valley"]["light"] == found.find_ratio("light")
+def find_drift(world, path):
+    """[m] from one to two seconds after the hand stopped."""
+    still = replace(Habits(), rest_after=2.0)
+    places = run_trial(load("omni"), world, path, GRIPS["light"], still, 4.2, 1).places  # from the first second on
+    return np.linalg.norm(places[-200:].mean(axis=0) - places[2000:2200].mean(axis=0))
+
+
+def test_a_hand_at_rest_is_dragged_by_the_clock_only():
+    path = make_shape("line", radius=load("omni").shell.contact_distance)
+    assert find_drift(PathGuidance(path=path), path) < 2e-4
+    assert find_drift(MovingPoint(path=path, strength=0.35, pace=Habits().pace), path) > 5e-4
+
+
+def test_numbers_are_json():
+    rows = [
+        GuidanceRow("line", "light", way, error, 2 * error, 0.1, 0.2, 0.35, np.nan, np.nan, False)
+        for way, error in zip(WAYS, (4e-3, 2e-3, 3e-3, 1e-3), strict=True)
+    ]
+    made = GuidanceComparison("omni", 2.0, 1, "tracker", tuple(rows), {("light", "plan"): 1e-4}, {})
+    numbers = json.loads(json.dumps(made.numbers()))
+    assert numbers["plan_over_valley"]["light"] == pytest.approx(0.5)
+    assert numbers["at_rest"] == [{"grip": "light", "guidance": "plan", "way_m": 1e-4}]

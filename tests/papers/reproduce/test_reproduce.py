@@ -231,7 +231,6 @@ def test_the_known_transcriptions_fits_and_own_numbers_are_called_so(quick):
         assert found[row].verdict == "set and found"
     for row in ("zarate2020 fig6-full", "bai2012 fig6-s", "zarate2020 hw-core-pull-table"):
         assert found[row].verdict == "ours"
-    assert {item.where for row, item in found.items() if row.startswith("zarate2020 hall-")} == {"not in the paper"}
 
 
 def test_nothing_is_counted_twice(quick):
@@ -299,6 +298,7 @@ def test_the_axes_of_psi_lambda_and_phi():
         assert np.array([turn[2, 1], turn[0, 2], turn[1, 0]]) / step == pytest.approx(axis, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_phases_through_the_chain(phases):
     pull, right, shares = phases
     assert shares == sorted(shares)
@@ -323,6 +323,7 @@ def test_the_phases_through_the_chain(phases):
     assert (right["mode"] == 2).all()
 
 
+@pytest.mark.slow
 def test_the_pull_is_constant_but_for_what_is_not_known_of_its_speed(phases):
     """Nothing in F_X' of (17) changes while the plug is pulled: where the pose is known it is constant to 1e-6.
 

@@ -4,11 +4,13 @@ import os
 import signal
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptorb.runtime import keep_core_awake
 from haptorb.runtime.keep_core_awake import CoreWaker, busy_share
 from haptorb.runtime.servo import Servo
 
@@ -70,6 +72,32 @@ def test_a_process_that_is_bound_to_no_core_keeps_none_awake() -> None:
         wakefulness = CoreWaker(core)
         assert not wakefulness.awake
         wakefulness.end()
+
+
+def test_while_the_other_cores_are_loaded_it_does_not_spin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loaded from the first to the third second of five: what it spins in that time, another program would lose."""
+    now, spun = 0.0, list[float]()
+
+    def look() -> float:
+        nonlocal now
+        now += 1e-3
+        spun.append(now)
+        return now
+
+    def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    def read(core: int) -> tuple[int, int]:
+        return round(100 * min(max(now - 1.0, 0.0), 2.0)), round(100 * now)
+
+    monkeypatch.setattr(keep_core_awake, "time", SimpleNamespace(monotonic=look, sleep=sleep))
+    monkeypatch.setattr(keep_core_awake, "_read_other_cores", read)
+    monkeypatch.setattr(keep_core_awake, "os", SimpleNamespace(getppid=lambda: 7 if now < 5.0 else 1))
+    keep_core_awake.spin(7, 0)
+    assert [t for t in spun if 1.2 < t < 3.0] == []
+    assert len([t for t in spun if t < 1.0]) > 900
+    assert len([t for t in spun if t > 3.6]) > 1300
 
 
 @given(ticks, ticks, ticks, ticks)

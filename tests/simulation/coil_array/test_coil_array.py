@@ -39,7 +39,7 @@ def force_at_rest(device, asked):
     return settle(simulated, duties, p)[:3]
 
 
-@every
+@pytest.mark.parametrize("name", [pytest.param("planar", marks=pytest.mark.slow), "tetrahedron"])
 def test_the_truth_is_off_by_how_the_coils_are_built(name):
     device, asked = DEVICES[name], np.array([0.05, -0.03, 0.08])
     built = np.linalg.norm(force_at_rest(device, asked) - asked) / np.linalg.norm(asked)

@@ -83,7 +83,14 @@ def take_part(study: Study, folder: Path) -> tuple[Columns, dict[str, dict[str, 
     return tidy(engine, study), read_replies(engine, study)
 
 
-@pytest.fixture(scope="module", params=list(STUDIES))
+#: those with questions and numbers, with levels, and with conditions; the files of the others have the same columns
+IN_EVERY_RUN = ("identification", "staircase", "rating")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[name if name in IN_EVERY_RUN else pytest.param(name, marks=pytest.mark.slow) for name in STUDIES],
+)
 def data(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, ...]:
     procedure = request.param
     text = f'name = "my-{procedure}_1"\nprocedure = "{procedure}"\ninstructions = "Hold the pen."\n{STUDIES[procedure]}'

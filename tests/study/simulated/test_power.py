@@ -144,7 +144,7 @@ def test_constant_stimuli_give_each_person_a_threshold_and_a_midpoint() -> None:
         '[trials]\nrepetitions = 8\n[[conditions]]\nname = "a"\n[[conditions]]\nname = "b"'
     )
     assert simulate_value(study, (0, 1), 0, "midpoint", ("a", "b")) == pytest.approx(0.0, abs=0.25)
-    assert power_of([simulate_value(study, (0, n), n, "threshold", ("a", "b")) for n in range(8)]).least == 2
+    assert power_of([simulate_value(study, (0, n), n, "threshold", ("a", "b")) for n in range(4)]).least == 2
 
 
 PLANNED = (

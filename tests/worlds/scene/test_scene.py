@@ -16,6 +16,7 @@ from haptorb.worlds import Outlet, Remote, Scene
 from haptorb.worlds.dynamic import BoundWorld, DynamicSum, MemoryNotFinite, bind_world
 from haptorb.worlds.scene_physics import SHIPPED, load_engine
 from haptorb.worlds.user_world import try_world
+from oracles.repetitions import LONG
 
 FREE = """<mujoco><option timestep="{step}" gravity="0 0 {weight}"/><worldbody>{more}
 <body name="peg"><freejoint/><geom type="sphere" size="0.01" mass="0.1"/></body></worldbody></mujoco>"""
@@ -170,7 +171,7 @@ def test_a_body_does_not_swing_in_slower_time(axis: int) -> None:
         return float(-felt[350:].min() / felt[350:].max())
 
     whole = set_moving(0, axis)
-    for level in (2, 3, 4, 5):
+    for level in (2, 3, 4, 5) if LONG else (2, 5):
         felt = set_moving(level, axis)
         assert overshoot(felt) < overshoot(whole) + 0.05
         assert abs(felt[-1]) < 0.02 * -felt.min()
