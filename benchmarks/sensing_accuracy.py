@@ -1,6 +1,7 @@
 """The tool by the field sensors, tried: simulated devices, calibrated as `haptorb calibrate` does, over the shell.
 
-    python benchmarks/sensing_accuracy.py [--specimens 3] [--places 16] [--dead 5] [--earth] [--turned] [--json]
+    python benchmarks/sensing_accuracy.py [--specimens 3] [--first 0] [--places 16] [--dead 5] [--earth] [--turned]
+                                          [--json]
 
 Nothing here is from the formulas of `haptorb inspect --sensing`. Each specimen has its own lasting errors, drawn from
 the device file's distributions, and a tool magnet 1 % stronger than the file says. Three trackers read the same
@@ -115,13 +116,13 @@ def read(
     return out
 
 
-def measure(device: SphericalElectromagnet, specimens: int, count: int, case: Case) -> list[dict[str, Any]]:
+def measure(device: SphericalElectromagnet, specimens: range, count: int, case: Case) -> list[dict[str, Any]]:
     """One row for each tracker and current."""
     every, weights = shell_places(device)
     chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
     places, share = every[chosen], weights[chosen] / weights[chosen].sum()
     gathered: dict[tuple[str, float], list[Array]] = {}
-    for specimen in range(specimens):
+    for specimen in specimens:
         found = calibrate(device, specimen, case)
         moments = replace(device, moment_per_current=found.moment_per_current)
         trackers = {
@@ -155,6 +156,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--specimens", type=int, default=3)
+    parser.add_argument("--first", type=int, default=0, help="number of the first specimen")
     parser.add_argument("--places", type=int, default=16)
     parser.add_argument("--dead", type=int, default=0)
     parser.add_argument("--earth", action="store_true")
@@ -163,7 +165,8 @@ def main() -> None:
     words = parser.parse_args()
     field = EARTH if words.earth else np.zeros(3)
     case = Case(words.dead, field, field * (-1.0, -1.0, 1.0) if words.turned else field)
-    rows = measure(electromagnet(load("omni")), words.specimens, words.places, case)
+    specimens = range(words.first, words.first + words.specimens)
+    rows = measure(electromagnet(load("omni")), specimens, words.places, case)
     if words.json:
         print(json.dumps(rows, indent=1))
         return
