@@ -13,7 +13,6 @@ from haptorb.devices.electromagnet import SphericalElectromagnet, shell_capabili
 from haptorb.devices.loader import load
 from haptorb.errors import UnknownName
 from oracles import wound_coils
-from oracles.repetitions import repetitions
 
 OMNI = load("omni")
 #: With the windings of 5e5cc684, of which an audit's numbers are; they cross each other, and so cannot be built
@@ -27,7 +26,7 @@ def test_the_wrench_of_windings_core_and_ring(name: str, distance: float) -> Non
     """Force within 1 % of its vector, torque within 1 % of the coil's greatest at that distance: 200 places in all."""
     rng = np.random.default_rng(int(1e3 * distance))
     found, expected = [], []
-    for _ in range(repetitions(15, 50)):
+    for _ in range(50):
         u = rng.normal(size=3) * [1.0, 1.0, 0.3] + [0.0, 0.0, 1.0]
         u /= np.linalg.norm(u)
         lean = np.cross(u, rng.normal(size=3))

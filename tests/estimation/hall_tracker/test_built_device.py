@@ -58,6 +58,8 @@ def test_calibrated_it_holds_the_tool_beside_twenty_amperes_in_all_coils(monkeyp
     driver = SimDriver(SimulatedElectromagnet(OMNI, 2), benchmark.READING, seed=2)
     hold_tool(driver, OMNI, "away")
     calibration = benchmark.find_calibration(OMNI, driver, Pace.for_simulation(), "hall")
+    assert "run `haptorb calibrate omni`" in make_estimator(OMNI, "hall", None).remark  # which the run prints first
+    assert not make_estimator(calibration.apply(OMNI), "hall", None).remark
     share, error = follow(calibration.apply(OMNI), 2, 20.0)
     assert share >= 0.99
     assert error < 1.5e-3
