@@ -68,6 +68,8 @@ export interface RoundPart {
 export interface DomeScene extends Scene {
   kind: "dome";
   dome_radius: number;
+  /** thickness; 0: the device file does not state it */
+  dome_wall: number;
   contact_distance: number;
   shell_thickness: number;
   workspace: number;

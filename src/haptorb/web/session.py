@@ -82,6 +82,7 @@ def _(device: SphericalElectromagnet) -> dict[str, Any]:
     return {
         "kind": "dome",
         "dome_radius": device.dome_radius,
+        "dome_wall": device.dome_wall,
         "contact_distance": device.contact_distance,
         "shell_thickness": device.shell_thickness,
         "workspace": device.workspace_half_angle,
@@ -113,6 +114,7 @@ def _(device: CoilArray) -> dict[str, Any]:
     return {
         "kind": "dome",
         "dome_radius": surface.dome_radius,
+        "dome_wall": surface.wall,
         "contact_distance": device.contact_height,
         "shell_thickness": surface.thickness,
         "workspace": surface.half_angle,

@@ -49,7 +49,7 @@ def test_coils_of_omni_have_the_sizes_and_axes_of_the_file():
         assert coil["axis"] == pytest.approx(moment / np.linalg.norm(moment), abs=1e-9)
     assert np.array(scene["sensors"]) == pytest.approx(omni.hall.positions, abs=1e-9)
     assert np.array(scene["marks"]) == pytest.approx(omni.marks.positions, abs=1e-9)
-    assert scene["core_radius"] == pytest.approx(0.015, abs=1e-9)
+    assert [scene["core_radius"], scene["dome_wall"]] == pytest.approx([0.015, 0.0015], abs=1e-9)
 
 
 def test_coils_sensors_and_names_that_the_file_changes_change_the_picture():

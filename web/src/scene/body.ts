@@ -11,6 +11,7 @@ import {
   Mesh,
   MeshLambertMaterial,
   MeshPhongMaterial,
+  RingGeometry,
   SphereGeometry,
   Vector2,
 } from "three";
@@ -54,6 +55,7 @@ export class Body {
       this.group.add(dot);
     }
     this.group.add(this.foot(radius));
+    if (tool.dome_wall > 0) this.group.add(this.rim(radius, radius - tool.dome_wall * MM));
     this.group.add(this.workspace(radius * 1.004, tool.workspace));
     const dress = (): void => {
       this.base.color.set(css("--base"));
@@ -93,6 +95,11 @@ export class Body {
     const geometry = new LatheGeometry(profile.reverse(), 72);
     geometry.rotateX(Math.PI / 2);
     return new Mesh(geometry, this.base);
+  }
+
+  /** The shell's wall, cut where it meets the base. */
+  private rim(outer: number, inner: number): Mesh {
+    return new Mesh(new RingGeometry(inner, outer, 96), this.ink);
   }
 
   private workspace(radius: number, halfAngle: number): LineLoop {
