@@ -319,9 +319,9 @@ def _rotations(angles: Array) -> Array:
 # --------------------------------------------------------------------------------------------------
 # Torque of a spherical motor, and the heat that it takes, in the worst direction and orientation in the workspace.
 #
-# Those of a coil array, with the same names, are in `array_force`. All are of the exact level: the torque of one magnet
-# and one coil comes from zonal harmonics (`series_table`) or, where those do not hold, from the exact table. Of a
-# zonotope {K i, |i| ≤ I} the greatest ball has the radius min over the facets' normals n of Σ |n·K_k| I_k, and every
+# Quantities of the same names for a coil array are above. All use the exact model level: the torque of one magnet and
+# one coil comes from zonal harmonics (`series_torque_table`) or, where these do not converge, from the exact table. Of
+# a zonotope {K i, |i| ≤ I} the greatest ball has the radius min over the facets' normals n of Σ |n·K_k| I_k, and every
 # normal is a product of two columns of K.
 
 
@@ -548,8 +548,8 @@ def array_spacing(candidate: DesignCandidate) -> float:
 # --------------------------------------------------------------------------------------------------
 # Force of a spherical electromagnet on a radial tool in contact, in the worst direction and position in the workspace.
 #
-# Those of a coil array, with the same names, are in `array_force`. All use the tool's magnet at its true size, and
-# windings and core at theirs where these are known. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped,
+# Quantities of the same names for a coil array are above. All use the tool's magnet at its true size, and windings and
+# core at theirs where these are known. The forces {K i, |i| ≤ I} of three coils fill a parallelepiped,
 # whose greatest ball has the radius min over k of I_k/|row k of K⁻¹|.
 
 

@@ -33,7 +33,7 @@ NOT_FINITE = 3  #: NaN or infinity in the input; the currents are NaN
 # --------------------------------------------------------------------------------------------------
 # Extent of a zonotope along a direction, for many generators: portal refinement along the ray.
 #
-# `zonotope.reach` otherwise tests all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels. Here a
+# `reach` otherwise tests all pairs of generators, which takes m³ operations: 0.5 ms for 100 channels. Here a
 # triangle of points of the zonotope that the ray passes is replaced iteratively by one further out, each found by the
 # support function in m operations (Minkowski portal refinement: Snethen, Game Programming Gems 7, 2008, section 2.5).
 
@@ -132,8 +132,8 @@ def find_reach(Q: Array, d: Array, box: Array) -> float:
 # Zonotope of the torques that currents within their limits can give: its surface along a direction, its nearest point.
 #
 # A torque's direction meets the surface on a facet spanned by two channels: all pairs are tested, without iteration;
-# for many channels a search finds it, see `portal`. The nearest torque on the surface is found by Wolfe's method: the
-# nearest point of a polytope, from its support points.
+# for many channels the facet is found iteratively, see `find_reach`. The nearest torque on the surface is found by
+# Wolfe's method: the nearest point of a polytope, from its support points.
 
 
 _MAX_PAIR_CHANNELS = 24  #: number of channels above which testing all pairs is slower than the search

@@ -79,10 +79,10 @@ COIL_ARRAY = DeviceKind(
 # --------------------------------------------------------------------------------------------------
 # What every coil of an array does to a mover with magnets, per ampere: the real winding on magnets of their true size.
 #
-# A magnet is the magnetic charge on its two faces (see `charged_ring`), a coil is its winding's field from a table (see
-# `winding_table`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many charges, one far away few:
-# each magnet has `RULES` of them, and each pair of coil and magnet uses the first that is precise enough by the ratio
-# of the magnet's face to its distance from the winding. A soft core's part is that of `sphere_answer`.
+# A magnet is modelled by the magnetic charge on its two faces (see `Magnet.charges`), a coil by a table of its
+# winding's field (see `PlacedCoils.tables`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many
+# charges, one far away few: each magnet has `RULES` of them, and each pair of coil and magnet uses the first that is
+# precise enough by the ratio of the magnet's face to its distance from the winding. For a soft core see `add_core`.
 
 
 FREE, IN_WINDING, IN_CORE = 0, 1, 2  #: where the magnets are

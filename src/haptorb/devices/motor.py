@@ -341,8 +341,8 @@ class SphericalMotor(Device):
 
     @cached_property
     def tilt_torque(self) -> tuple[Array, float]:
-        """(n,) coefficients of what weight and regulator do [N·m], and the least cosine, as
-        `regulator.torque_over_sine` takes them: torque over sin(tilt), positive where it turns the rotor upright."""
+        """(n,) coefficients of the torque of weight and regulator [N·m], and the minimum cosine, for
+        `motor_model.torque_over_sine`: torque over sin(tilt), positive where it turns the rotor upright."""
         weight = self.weight_torque
         if self.regulator is None:
             return np.array([-weight]), 0.0

@@ -30,8 +30,8 @@ __all__ = ["load_field_table", "load_torque_table"]
 
 _MAX_TABLE_BYTES = 64 * 1024 * 1024  #: bytes of a table
 
-#: whose code makes a table's numbers: `pair_table`, the magnets it is given, and what they import, but for what only
-#: carries numbers about
+#: modules whose code determines a table's values: `devices.tables`, the magnets, and what they import, except what
+#: only passes values on
 _MAKERS = (
     *(tables, interaction, special, coil, special, magnets, dipole, special, source, magnets, source),
     *(coil, special),
@@ -47,7 +47,7 @@ def load_torque_table(
     precision: float = 1e-8,
     progress: Progress | None = None,
 ) -> PairTable:
-    """`pair_table.torque_table` from disk if it is there, else computed and kept."""
+    """Load `tables.torque_table` from the cache on disk; compute and store it if it is missing."""
     made_from = (
         f"torque {magnet!r} {float(magnet_distance)!r} {winding!r} {float(coil_distance)!r} {float(precision)!r}"
     )
@@ -68,7 +68,7 @@ def load_field_table(
     precision: float = 1e-8,
     progress: Progress | None = None,
 ) -> PairTable:
-    """`pair_table.field_table` from disk if it is there, else computed and kept."""
+    """Load `tables.field_table` from the cache on disk; compute and store it if it is missing."""
     made_from = f"field {magnet!r} {float(magnet_distance)!r} {float(sensor_distance)!r} {float(precision)!r}"
     return _load_or_build(
         made_from,

@@ -266,7 +266,7 @@ _LEFT = 1e-9  #: share of the first term that the terms which are left out may h
 
 
 def series_torque_table(magnet: CylinderMagnet, magnet_distance: float, coil: Coil, coil_distance: float) -> PairTable:
-    """k [N·m/A] as `pair_table.torque_table` has it, for magnets that move outside the coils; distances [m].
+    """Compute k [N·m/A] like `torque_table`, for magnets that move outside the coils; distances [m].
 
     The terms fall with the ratio of coil's and magnet's rim to the power n: 200 to 400 are summed for a gap of a few
     per cent of the radius. Valid where every part of the coil is nearer to the centre than every part of the magnet, as

@@ -204,9 +204,9 @@ def _scale(text: str) -> tuple[Fraction, Dimension] | None:
 
 @lru_cache(maxsize=4096)  # the fractions take longer than all else that is done with a value
 def convert(number: float, text: str, unit: str) -> float | None:
-    """`number` of unit `text` in `unit`; None where that is for pint to say: another unit, or a mistake.
+    """Convert `number` from unit `text` to `unit`; None if only pint can decide: another unit, or an error.
 
-    A field strength or magnetization, where a flux density is wanted, is multiplied by μ0 (`field_units`).
+    A field strength or magnetization, where a flux density is wanted, is multiplied by μ0.
 
     >>> convert(67.9, "mm", "m")
     0.0679

@@ -53,7 +53,7 @@ class FieldModel(NamedTuple):
     coils: Array  #: (c, 3) stator frame
     groups: Array  #: (c, m)
     per_ampere: Array  #: (m, 3 k) the coils' field at the sensors [T/A]
-    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `regulator.torque_over_sine` takes them [N·m]
+    tilt_torque: Array  #: (n,) coefficients of weight and regulator, of `torque_over_sine` [N·m]
     least: float  #: minimum cosine of their range of validity
 
 

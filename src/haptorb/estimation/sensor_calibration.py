@@ -209,7 +209,7 @@ def prior_covariance(errors: SensorErrors) -> Array:
 # Position accuracy with real field sensors: of the tracker, and the lower bound for any estimate.
 #
 # Two kinds of errors. Noise is independent in every reading, and the tracker's filter averages it. Constant errors are
-# not reduced by a filter: those of the sensors (`sensor_parameters`), of the coils' field that is subtracted, and the
+# not reduced by a filter: those of the sensors (`sensitivity`), of the coils' field that is subtracted, and the
 # remanence of the core. With J the field's derivative by the pose, Σ the covariance of all errors and W the tracker's
 # weight of the readings, the tracker's covariance is A Σ Aᵀ, A = (Jᵀ W J)⁻¹ Jᵀ W, and the Cramér–Rao bound, for errors
 # with covariance Σ, is (Jᵀ Σ⁻¹ J)⁻¹. Both are first order in the errors.
@@ -222,7 +222,7 @@ _CALIBRATED = 1e-3  #: relative standard deviation of the moment map's entries t
 class SensorKnowledge:
     """Covariance of the sensors' constant errors.
 
-    covariance  (15 k, 15 k) of the sensors' errors θ, as in `sensor_parameters`
+    covariance  (15 k, 15 k) of the sensors' errors θ, as in `sensitivity`
     coils       (3 k, m) standard deviation of what each sensor reads per ampere, where that was measured [T/A]; None:
                 it is computed from moments, whose entries are known to `moments`, and the sensors' errors apply to it
     moments     standard deviation of the moment map's entries, relative to their column
@@ -450,7 +450,7 @@ def choose_readings(tour: ToolTour, most: int) -> ToolTour:
 #
 # The tool's pose is not measured. Each reading of k sensors has 3 k numbers and 5 unknowns of its own, the tool's
 # position and axis; the remaining equations, some hundred times, determine the 15 errors of each sensor
-# (`sensor_parameters`) and the strength of the tool's magnet. The coils, driven in turn, add the response of each
+# (`sensitivity`) and the strength of the tool's magnet. The coils, driven in turn, add the response of each
 # sensor to fields of known directions. Gauss–Newton on all unknowns together, with the poses eliminated reading by
 # reading (Schur complement); Huber's weights reduce the influence of disturbed readings; the device file's
 # distributions are the prior, so that unobservable combinations remain at the data sheet's values, and are reported.
@@ -487,7 +487,7 @@ class CoilReadings:
 class SensorFit:
     """Result of the bundle adjustment.
 
-    theta       (k, 15) errors of each sensor, as in `sensor_parameters`
+    theta       (k, 15) errors of each sensor, as in `sensitivity`
     covariance  (15 k, 15 k) of them
     strength    of the tool's magnet, relative to the device file
     residual    rms of the whitened residuals per degree of freedom: about 1 where the model explains the readings

@@ -502,8 +502,8 @@ def _rotation(w: Array) -> Array:
 # Pose of the device in a tracker's frame, and of the tool in its rigid body: from touched points, by Gauss–Newton.
 #
 # Unknown are the frame (R, t: 6) and the tip in the body (a: 3), x = R (P + Q a) + t. On the dome |x| = r, in mark k x
-# = x_k (`frame_fit`). Closed forms give the starting point of each step (`frame_start`), and inconsistencies are
-# reported (`frame_doubts`). The tool's axis is estimated separately, from the rolled tool.
+# = x_k (`FrameFit`). Closed forms give the starting point of each step (`pivot`, `sphere`, `fit_points`), and
+# inconsistencies are reported (`check_…`). The tool's axis is estimated separately, from the rolled tool.
 
 
 _FRAME_REGISTRATION_LOOSE = 1.5e-3  #: rms above which the rigid body is loose [m]

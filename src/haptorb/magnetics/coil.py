@@ -288,8 +288,8 @@ class Coil(RoundBody):
         """Self-inductance [H] at low frequency, relative error below 1e-7.
 
         L = 2πμ0 N² ∫₀^∞ P(k)² (kl − 1 + e^(−kl))/(kl)² dk with P(k) = ∫ r J₁(kr) dr/(rₒ − rᵢ), the mean of the mutual
-        inductances of all pairs of turns (Smythe 8.06 for one pair). P follows from ∫ x J₁(x) dx (`bessel`). The
-        integrand falls as k⁻⁴ and is cut at k rₒ = 1500, where 1e-9 is left. Left out: insulation between turns.
+        inductances of all pairs of turns (Smythe 8.06 for one pair). P follows from ∫ x J₁(x) dx (`integrate_bessel`).
+        The integrand falls as k⁻⁴ and is truncated at k rₒ = 1500, with an error of 1e-9. Insulation is neglected.
 
         >>> c = 0.02     # Brooks's coil: square section of side c, inner radius c; Grover gives 1.6994 µH/m · r̄ N²
         >>> round(Coil(1, c, 2 * c, c).inductance / (1.5 * c) * 1e6, 4)

@@ -226,7 +226,7 @@ def zonal_gradient(c: Array, rho2: float, z: float) -> tuple[float, float, float
 #     B_z = [(ζ/2πs)(K + γΠ)] from ζ = z − h to z + h      B_ρ = −[(4a²ρ/πs³) C]
 #
 # and its derivative by z is the field of the edges as current loops. These are Callaghan & Maslen (NASA TN D-465, 1960)
-# and Derby & Olbert (Am. J. Phys. 78, 229, 2010), with B_ρ rewritten through C (see `elliptic`) so that B_ρ/ρ and with
+# and Derby & Olbert (Am. J. Phys. 78, 229, 2010), with B_ρ rewritten through C (see `integrals`) so that B_ρ/ρ and with
 # it the gradient keep all their digits on the axis. Singular (logarithmically) at the edges only; on the wall between
 # them B_z jumps by 1 and the mean is returned. Valid near and far, but it cancels far away: see `zonal`.
 

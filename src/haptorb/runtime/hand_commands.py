@@ -191,7 +191,7 @@ class HandCommands:
         """Move the simulated hand along a path, until `release` or another command.
 
         A thread of this program evaluates the path every 5 ms, as for `hold`. A function that raises an exception, or
-        returns no valid pose, ends it: the pose expires, the coils go off, and `run` and `check_hand` raise InputError
+        returns no valid pose, ends it: the pose expires, the coils go off, and `run` and `check` raise InputError
         with file and line.
 
         Parameters

@@ -139,7 +139,7 @@ def core_step(core: Record, moment_per_current: Array, coils: Records, dt: float
 #
 # The field at a Hall sensor is that of coils and core (`coil_fields`), of the dipole of eddy currents and remanence,
 # of the tool's ring as charges on its faces, and of the core's response to the ring, at the sensor's true position.
-# `simulation.parts.hall` models the sensor itself; every reading has normal noise and its converter's step.
+# `simulation.parts` models the sensor itself; every reading has normal noise and its converter's step.
 
 
 #: Accuracy of the current and temperature sensors, standard deviation and step; generator of all noise.

@@ -172,7 +172,7 @@ def _describe_part(part: RoundPart) -> dict[str, Any]:
 def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World], device: Device) -> list[dict[str, Any]]:
     """List the bodies of the world `name` with `values` on `device`, of the catalogue or of `own`; empty for any other.
 
-    size [m] as in `worlds.shape.SHAPES`; place and attitude are indices in the row's memory.
+    size [m] as in `worlds.base.SHAPES`; place and attitude are indices in the row's memory.
     """
     try:
         world = own[name] if name in own else find_world(name)()

@@ -436,7 +436,7 @@ class DynamicSum(Sum, DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """Fields of all parts, as `ball_place`."""
+        """Fields of all parts, each named after its part: "ball_place"."""
         return tuple(
             replace(field, name=f"{name}_{field.name}")
             for name, part in self._remembering

@@ -13,7 +13,7 @@ __all__ = ["DesignPanel"]
 
 @final
 class DesignPanel:
-    """Adapter of `live` to the console (`console.designs.DesignSession`)."""
+    """Adapter of `live` to the console (`console_hub.DesignSession`)."""
 
     def __init__(self, live: LiveSession) -> None:
         self._live = live

@@ -32,7 +32,7 @@ __all__ = ["bound", "clamp_tool", "items", "placements", "position_map", "shell_
 # --------------------------------------------------------------------------------------------------
 # The tool's place from the Hall sensors, tried: the simulated device with its noise, read at 1 kHz by the tracker.
 #
-# Nothing here comes from the formula of `sensing.position_accuracy`: the field is the simulation's, its readings have
+# Nothing here comes from the formula of `hall_fit.position_accuracy`: the field is the simulation's, its readings have
 # noise and steps, the coils' currents are measured as a driver measures them, the tracker finds the tool from nothing.
 
 
