@@ -88,7 +88,7 @@ compiled._PACKAGE = Path(sys.argv[1])
 sys.path.insert(0, sys.argv[1])
 import double
 heard = []
-compiled.tell_compiling(lambda: heard.append(1))
+compiled.on_compiling(lambda: heard.append(1))
 with compiled.forbid_compiling() as missing:
     try:
         double.double(1.0)

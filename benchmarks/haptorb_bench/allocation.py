@@ -19,7 +19,7 @@ __all__ = ["rows"]
 _KINDS = (("well inside the limits", 0.3), ("at the limits", 1.0))
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Time per problem, twelve channels, one sweep over 100 of them; and how far the two answers are apart."""
     device = motor("pmsm")
     R = workspace_sample(device.workspace_tilt, 5, 4)
@@ -28,7 +28,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     allocator = MinimumPowerAllocator(limit)
     out = []
     for kind, share in _KINDS:
-        tell(kind)
+        notify(kind)
         problems = [_problem(K, limit, share, n) for n, K in enumerate(maps)]
 
         def ours(problems: list[tuple[WrenchMap, Array]] = problems) -> None:

@@ -20,7 +20,7 @@ _PERIOD = 1e-3
 _GRID = (9, 9, 32)  #: orientations that are learnt from
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Medians and 99 percentiles over 4000 updates times `effort`."""
     device = motor("pmsm")
     ticks = max(int(4000 * effort), 300)
@@ -31,7 +31,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     rest, none, cool = np.zeros(3), np.zeros(device.channels), np.full(device.channels, 293.0)
     nobody = Pose(0.0, np.eye(3), rest, rest, rest, False)
     samples = [Sample(float(at), none, cool, reading, nobody) for at, reading in zip(t, field, strict=True)]
-    tell("training")  # how well does not change how long an update takes
+    notify("training")  # how well does not change how long an update takes
     networks = NetworkTorque(device, train(device, starts=1, iterations=2, grid=_GRID))
     linear = LinearTorque(device, orientations=workspace_grid(device, _GRID))
     out = []
@@ -40,7 +40,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
         ("network", FieldToTorque(device, networks), 15.0),
         ("linear map", FieldToTorque(device, linear), None),
     ):
-        tell(name)
+        notify(name)
         median, p99 = _percentiles(estimator, samples)
         out += [
             Metric("estimation", f"144 readings to torque per ampere, {name}, median", median, "µs", limit=limit),

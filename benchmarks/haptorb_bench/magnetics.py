@@ -31,7 +31,7 @@ _FINE = (10, 6, 108)  #: what the reference uses: converged to 1e-7
 
 def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str], None] | None = None) -> Contest:
     """Run the comparison on `device`, `budget` seconds per row; `report` receives the name of what is running."""
-    tell = report or (lambda text: None)
+    notify = report or (lambda text: None)
     known = motor(load(device))
     R = rotation_from_euler(np.radians(10.0), np.radians(5.0), np.radians(5.0))
     spread = np.random.default_rng(0)
@@ -41,7 +41,7 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
     sensors = known.sensor_layout.positions
     with_magpylib, with_cfsem = find_spec("magpylib") is not None, find_spec("cfsem") is not None
 
-    tell("reference")
+    notify("reference")
     if with_magpylib:
         torque = peers.Winding(known, *_FINE).torque(peers.core_field(known, R))
         field = peers.core_field(known, R)(sensors)
@@ -51,7 +51,7 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
     rows: list[Result] = []
 
     def run(task: str, who: str, how: str, work: Callable[[], Array] | None, truth: Array, per_call: int = 1) -> None:
-        tell(f"{who}: {how}")
+        notify(f"{who}: {how}")
         if work is None:
             rows.append(Result(task, who, how, None, None))
             return
@@ -98,9 +98,9 @@ def magnetics(device: str = "pmsm", budget: float = 0.5, report: Callable[[str],
     return Contest(f"Magnetics of '{known.name}', one thread", tuple(rows), _machine())
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """The contest as rows: the table in one call against each peer's own way, [µs] per orientation."""
-    contest = magnetics(budget=0.5 * effort, report=tell)
+    contest = magnetics(budget=0.5 * effort, report=notify)
     out = []
     for task in dict.fromkeys(result.task for result in contest.results):
         mine = [result for result in contest.results if result.task == task]

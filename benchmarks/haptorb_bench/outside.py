@@ -24,12 +24,12 @@ _CLONE = Path(__file__).resolve().parents[2]
 _FAST = 4000  #: [Hz]
 
 
-def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def loop(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """The servo in its own process with a client that drags, 30 s times `effort`."""
     seconds = max(30.0 * effort, 3.0)
-    tell(f"{seconds:.0f} s of 1 kHz")
+    notify(f"{seconds:.0f} s of 1 kHz")
     facts = _run_and_parse(python_command("haptorb", "check", "--duration", f"{seconds:g}", "--json"))
-    fast = [_run_fast(device, seconds, tell) for device in ("omni", "pmsm")]
+    fast = [_run_fast(device, seconds, notify) for device in ("omni", "pmsm")]
     if isinstance(facts, str):
         return [Metric("loop", "servo at 1 kHz with a client that drags", None, "", note=facts), *fast]
     return [
@@ -41,19 +41,19 @@ def loop(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     ]
 
 
-def _run_fast(device: str, seconds: float, tell: Callable[[str], None]) -> Metric:
+def _run_fast(device: str, seconds: float, notify: Callable[[str], None]) -> Metric:
     """`device` alone at 4 kHz for so long [s]: snapshots of the chain, too, must not make a tick late.
 
     Directly after it cyclictest, with the same scheduler and priority on the same core: a virtual machine whose host
     takes the processor away has late wakes whatever runs on them.
     """
-    tell(f"{device}, {seconds:.0f} s of 4 kHz")
+    notify(f"{device}, {seconds:.0f} s of 4 kHz")
     words = ["run", device, "--rate", f"{_FAST}", "--headless", "--duration", f"{seconds:g}", "--json"]
     facts = _run_and_parse(python_command("haptorb", *words))
     what = f"{device} at 4 kHz, ticks on time"
     if isinstance(facts, str):
         return Metric("loop", what, None, "1", limit=0.9995, at_least=True, note=facts)
-    tell(f"cyclictest, {seconds:.0f} s of 4 kHz")
+    notify(f"cyclictest, {seconds:.0f} s of 4 kHz")
     needed = round(facts["compute_us"]["p50"])
     bare = _bare_share(facts["scheduler"], int(seconds), needed)
     known = not isinstance(bare, str)
@@ -93,9 +93,9 @@ def count_in_time(report: dict[str, Any], latest: float) -> float:
     return float(sum(wakes for late, wakes in thread["histogram"].items() if float(late) <= latest) / thread["cycles"])
 
 
-def console(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def console(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """From a drag in a real browser to the force drawn, 30 s times `effort`."""
-    tell("a browser that drags")
+    notify("a browser that drags")
     facts = _script("console_latency", "--seconds", f"{max(30 * effort, 2):g}")
     if isinstance(facts, str):
         return [Metric("console", "from drag to force shown, median", None, "ms", limit=25.0, note=facts)]
@@ -109,9 +109,9 @@ def console(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     ]
 
 
-def serial(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def serial(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Set and read back three coils through the emulated firmware, 2000 times `effort`."""
-    tell("the emulated firmware")
+    notify("the emulated firmware")
     facts = _script("serial_cycle", "--cycles", str(max(int(2000 * effort), 200)))
     what = "set three coils and read back, emulated firmware, median"
     if isinstance(facts, str):
@@ -123,14 +123,14 @@ def serial(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     ]
 
 
-def study(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def study(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Numbers and report of a study of 300 trials, 6 people with 50 each; merge of two databases of 30 people each."""
-    tell("300 trials")
+    notify("300 trials")
     facts = _script("study/study_analysis", "--people", "6", "--trials", "50", "--procedures", "identification")
     if isinstance(facts, str):
         return [Metric("study", "analysis of 300 trials, report included", None, "s", note=facts)]
     (run,) = facts["runs"]
-    tell("merge of two databases")
+    notify("merge of two databases")
     merged = _script("study/study_merge")
     what = "merge of two databases of 30 people each"
     return [

@@ -22,16 +22,16 @@ __all__ = ["rows"]
 _RATE, _BURST = 1000.0, 20  #: rows that the recorder finds when it looks
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Rows of a real run, written again and again; a servo at 1 kHz needs a thousand a second."""
-    tell("a run to record")
+    notify("a run to record")
     run = _run(max(2.0 * effort, 0.5))
     many = np.concatenate([run] * max(1, round(20_000 * effort / len(run))))
     layout = RowLayout.of(load("omni"))
     with TemporaryDirectory() as folder:
-        tell("recording")
+        notify("recording")
         speed, size = _time_recording(Path(folder, "run.mcap"), layout, many)
-        tell("plain files")
+        notify("plain files")
         plain = {"plain float64": _write(Path(folder, "run.bin"), many), "JSON lines": _lines(Path(folder, "r"), many)}
     out = []
     for name, (their_speed, their_size) in plain.items():

@@ -116,8 +116,10 @@ class BenchResult(NotebookReport):
         return "\n".join(lines) + "\n"
 
 
-def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Callable[[str, str], None]) -> BenchResult:
-    """Run the benchmarks `names`, one after the other; `tell(name, what)` is called with what is running.
+def run_benchmarks(
+    names: Iterable[str], effort: float, command: str, notify: Callable[[str, str], None]
+) -> BenchResult:
+    """Run the benchmarks `names`, one after the other; `notify(name, what)` is called with what is running.
 
     `effort` 1 is the full length of each, less is shorter and noisier. Raises UnknownName, InputError, PlatformError.
     """
@@ -136,7 +138,7 @@ def run_benchmarks(names: Iterable[str], effort: float, command: str, tell: Call
     for name in chosen:
         module, function = BENCHMARKS[name]
         run = getattr(import_module(f"haptorb_bench.{module}"), function)
-        rows += run(effort, lambda what, name=name: tell(name, what))
+        rows += run(effort, lambda what, name=name: notify(name, what))
     return BenchResult(facts, command, date.today().isoformat(), tuple(rows))
 
 

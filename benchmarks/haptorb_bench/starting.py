@@ -29,10 +29,10 @@ _MINE = python_command("haptorb")
 _STARTED = monotonic()  #: import of this module [s]
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Medians of five starts times `effort`, compiled code at hand; the memory of one run with its console."""
     times = max(round(5 * effort), 1)
-    tell("starting and ending")
+    notify("starting and ending")
     _first_tick()  # compiles what is not compiled yet
     first = median(_first_tick() for _ in range(times))
     help_time = median(_run(*_MINE, "--help") for _ in range(times))

@@ -31,14 +31,14 @@ _OFTEN = 16  #: ticks from one snapshot to the next
 _CHAINS = (("omni", "tracker", 60.0), ("omni", "hall", 60.0), ("pmsm", "least-squares", 90.0))
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Median and 99 % over 6000 ticks times `effort`, simulation of the device included and without it."""
     out = []
     for name, estimator, limit in _CHAINS:
         device = load(name)
         if estimator not in tuple(list_estimators(device)):
             continue
-        tell(f"{name}, {estimator}")
+        notify(f"{name}, {estimator}")
         whole, chain, snapshots = _time_ticks(device, estimator, max(int(6000 * effort), 400))
         out += [
             Metric("tick", f"{name}, {estimator}: estimate, world, allocate and guard, median", float(np.median(chain)),

@@ -19,7 +19,7 @@ __all__ = ["rows"]
 _NODES, _ITERATIONS = 10, 120
 
 
-def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
+def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
     """Seconds for 120 steps on 16 200 samples, both less for less `effort`, and what SciPy needs from the same start,
     or where it is after ten times as long."""
     x, y = _samples(max(int(16_200 * effort), 600))
@@ -27,7 +27,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     rng = np.random.default_rng(1)
     hidden = rng.normal(0.0, 1.0, (_NODES, x.shape[1] + 1)) / np.sqrt(x.shape[1])
     output = rng.normal(0.0, 0.3, (y.shape[1], _NODES + 1))
-    tell("Levenberg–Marquardt")
+    notify("Levenberg–Marquardt")
     fit_weights(x[:200], y[:200], hidden, output, iterations=1)
     t0 = perf_counter()
     *_, course = fit_weights(x, y, hidden, output, iterations=steps)
@@ -35,7 +35,7 @@ def rows(effort: float, tell: Callable[[str], None]) -> list[Metric]:
     what = f"{len(x)} samples, {x.shape[1]} inputs, {_NODES} nodes, to an rms of {goal:.4f}"
     out = []
     for name, run in (("SciPy L-BFGS-B", _lbfgs), ("SciPy least_squares trf", _trf)):
-        tell(name)
+        notify(name)
         took, reached = run(x, y, hidden, output, goal, 10 * own)
         there = reached <= goal * 1.001
         note = "" if there else f"{name} was at {reached:.4f} after {took:.3g} s"

@@ -481,7 +481,7 @@ class Results:
 
 
 def measure(
-    count: int, lanes: int, boards: Sequence[str], results: Results, tell: Callable[[str], None]
+    count: int, lanes: int, boards: Sequence[str], results: Results, notify: Callable[[str], None]
 ) -> list[tuple[Case, float]]:
     """`count` ends with those of `results`: each with the time for which the coils stayed on [ms]."""
     todo, found = list(cases(count, boards)), results.found
@@ -504,7 +504,7 @@ def measure(
                     took, evidence = lane.run(case, measuring)
                 except LostRun as why:
                     lost.append(str(why))
-                    tell(f"lost: {case}: {str(why)[-200:]}")
+                    notify(f"lost: {case}: {str(why)[-200:]}")
                     if len(lost) > 20 + 2 * count:
                         raise SystemExit(f"this computer is too busy: {len(lost)} runs lost, the last: {why}") from why
                     with taking:
@@ -512,13 +512,13 @@ def measure(
                     continue
                 except Left as why:
                     left.append(str(why))
-                    tell(f"LEFT BEHIND: {why}")
+                    notify(f"LEFT BEHIND: {why}")
                     continue
                 with taking:
                     results.add(case, took, evidence)
                 if took > LIMIT or len(found) % 25 == 0:
                     kind = f"{case.end} beside {case.fault} on {case.board}"
-                    tell(f"{len(found)} of {count}: {kind}: {took:.1f} ms {evidence}")
+                    notify(f"{len(found)} of {count}: {kind}: {took:.1f} ms {evidence}")
         except BaseException as cause:
             failures.append(cause)
 
@@ -535,9 +535,9 @@ def measure(
             lane.close()
     if failures:
         raise failures[0]
-    tell(f"{len(lost)} runs repeated: their coils were off before the end")
+    notify(f"{len(lost)} runs repeated: their coils were off before the end")
     if left:
-        tell(f"{len(left)} of {count} left something behind")
+        notify(f"{len(left)} of {count} left something behind")
     return found
 
 

@@ -124,12 +124,12 @@ def _is_own_group(group: int) -> bool:
 def _choose(home: str) -> Path:
     number = os.getuid() if hasattr(os, "getuid") else 0
     wanted = Path(home, "haptorb") if home else None
-    told, chosen = os.environ.get(_CHOSEN, "").partition(os.pathsep)[::2]
+    chosen_for, chosen = os.environ.get(_CHOSEN, "").partition(os.pathsep)[::2]
 
     def list_candidates() -> Iterator[Path]:
         if wanted:
             yield wanted
-        if told == home and chosen:
+        if chosen_for == home and chosen:
             yield Path(chosen)
             return
         if home:
@@ -150,7 +150,7 @@ def _choose(home: str) -> Path:
     else:
         folder = Path(tempfile.mkdtemp(prefix="haptorb-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    if folder != wanted and not (told == home and chosen):
+    if folder != wanted and not (chosen_for == home and chosen):
         os.environ[_CHOSEN] = f"{home}{os.pathsep}{folder}"
         if refused:
             print(f"haptorb: {refused}; {folder} is used instead", file=sys.stderr)

@@ -61,12 +61,12 @@ def check_versions(client: Any, address: str) -> None:
     here = _list_packages(found["client"])
     scheduler = _list_packages(found["scheduler"])
     _refuse(f"the Dask scheduler at '{address}' has", scheduler, here, ("Python", *_DASK[:2]))
-    whose = f"the Dask workers at '{address}' have"
+    owner = f"the Dask workers at '{address}' have"
     for worker in found["workers"].values():
-        _refuse(whose, _list_packages(worker), here, ("Python", *_DASK, *_NUMBERS))
-    for worker in client.run(_make_look(), on_error="return").values():  # an exception: a worker without haptorb
-        versions = {"haptorb": worker} if isinstance(worker, str) else {}
-        _refuse(whose, versions, {"haptorb": __version__}, ("haptorb",))
+        _refuse(owner, _list_packages(worker), here, ("Python", *_DASK, *_NUMBERS))
+    for worker in client.run(_make_version_reporter(), on_error="return").values():
+        versions = {"haptorb": worker} if isinstance(worker, str) else {}  # an exception: a worker without haptorb
+        _refuse(owner, versions, {"haptorb": __version__}, ("haptorb",))
 
 
 def list_versions() -> dict[str, str]:
@@ -76,11 +76,11 @@ def list_versions() -> dict[str, str]:
     return {"haptorb": __version__, **{name: version(name) for name in _NUMBERS}}
 
 
-def _refuse(whose: str, theirs: Mapping[str, str], here: Mapping[str, str], names: Iterable[str]) -> None:
+def _refuse(owner: str, remote: Mapping[str, str], here: Mapping[str, str], names: Iterable[str]) -> None:
     for name in names:
-        if theirs.get(name) != here.get(name):
+        if remote.get(name) != here.get(name):
             raise InputError(
-                f"{whose} {name} {theirs.get(name) or '(missing)'}, this computer has {here.get(name)}: install the "
+                f"{owner} {name} {remote.get(name) or '(missing)'}, this computer has {here.get(name)}: install the "
                 "same version on all"
             )
 
@@ -92,15 +92,15 @@ def _list_packages(computer: Mapping[str, Any]) -> dict[str, str]:
     return packages
 
 
-def _make_look() -> Any:
+def _make_version_reporter() -> Any:
     """Return a function that is sent with its code: a worker may not have this module."""
 
-    def look() -> str:
+    def report_version() -> str:
         from haptorb.version import __version__ as here
 
         return str(here)
 
-    return look
+    return report_version
 
 
 Job = TypeVar("Job")

@@ -38,9 +38,9 @@ __all__ = [
     "forbid_compiling",
     "kernel",
     "load_compiler",
+    "on_compiling",
     "pack",
     "part",
-    "tell_compiling",
     "tick_kernel",
     "vector_kernel",
 ]
@@ -60,9 +60,9 @@ class UncompiledKernelError(Exception):
     """A kernel is not in the cache while `forbid_compiling` is active."""
 
 
-def tell_compiling(tell: Callable[[], object]) -> None:
-    """Register `tell`, called whenever this process begins to compile a kernel that is not in the cache."""
-    _listeners.append(tell)
+def on_compiling(callback: Callable[[], object]) -> None:
+    """Register `callback`, called whenever this process begins to compile a kernel that is not in the cache."""
+    _listeners.append(callback)
 
 
 @contextmanager
@@ -93,8 +93,8 @@ def _watch_compiling() -> None:
                 name = f"{function.__module__}.{function.__qualname__}"
                 missing.append(name)
                 raise UncompiledKernelError(f"kernel '{name}' is not compiled yet")
-            for tell in _listeners:
-                tell()
+            for callback in _listeners:
+                callback()
 
         def on_end(self, event: Event) -> None:
             pass

@@ -164,7 +164,7 @@ def application(
     async def describe(request: Request) -> Response:
         return Response(known, media_type="application/json")
 
-    async def tell(request: Request) -> Response:
+    async def describe_selection(request: Request) -> Response:
         return JSONResponse(selection.describe())
 
     async def choose(request: Request) -> Response:
@@ -183,7 +183,7 @@ def application(
             Route("/", file),
             Route("/static/{name}", file),
             Route("/api/designs", describe),
-            Route("/api/now", tell),
+            Route("/api/now", describe_selection),
             Route("/api/choose", choose, methods=["POST"]),
             Route("/api/stop", stop, methods=["POST"]),
         ],
@@ -268,11 +268,15 @@ class Chooser:
         self._closed = threading.Event()
 
     def serve(
-        self, *, open_browser: bool = False, say: Callable[[str], None] = lambda text: None, until: float | None = None
+        self,
+        *,
+        open_browser: bool = False,
+        notify: Callable[[str], None] = lambda text: None,
+        until: float | None = None,
     ) -> int | None:
         """Serve until `close`, SIGINT or SIGTERM (returns the signal's number), or for `until` seconds.
 
-        `say` is called for every device that starts or fails to. Signals are received in the main thread only.
+        `notify` is called for every device that starts or fails to. Signals are received in the main thread only.
         """
         end = float("inf") if until is None else monotonic() + until
         self._thread.start()
@@ -286,14 +290,14 @@ class Chooser:
             with signals(_raise_end):
                 while not over():
                     row = self.selection.wait(_POLL_INTERVAL_S)
-                    number = None if row is None else self._feel(row, over, say)
+                    number = None if row is None else self._feel(row, over, notify)
                     if number is not None:
                         return number
         except _End as ended:
             return ended.number
         return None
 
-    def _feel(self, row: int, over: Callable[[], bool], say: Callable[[str], None]) -> int | None:
+    def _feel(self, row: int, over: Callable[[], bool], notify: Callable[[str], None]) -> int | None:
         """Run the device of `row` until another is requested; the number of a signal that ended it, or None."""
         name = find_base(self._table.design).name if row == BASE else self._table.name(row)
         try:
@@ -302,7 +306,7 @@ class Chooser:
             with console, freeze_garbage(), servo:
                 servo.stop()
                 self.selection.set_running(servo, console.url)
-                say(f"{name} runs, SIMULATED, with its coils off until they are engaged.")
+                notify(f"{name} runs, SIMULATED, with its coils off until they are engaged.")
                 try:
                     number = console.serve(until=lambda: self.selection.pending or over())
                     servo.check_end()
@@ -311,7 +315,7 @@ class Chooser:
                 return number
         except HaptorbError as mistake:
             self.selection.set_refused(f"{name} does not run: {mistake}")
-            say(f"{name} does not run: {mistake}")
+            notify(f"{name} does not run: {mistake}")
             return None
 
     def _build(self, row: int) -> Device:

@@ -249,7 +249,7 @@ def show(
         notify(where.warning)
     with Chooser(table, port, where=where, console_port=console_port, console_address=console_address) as chooser:
         notify(f"Open {chooser.url} in a browser. Ctrl-C ends.")
-        number = chooser.serve(open_browser=browser, say=notify, until=duration)
+        number = chooser.serve(open_browser=browser, notify=notify, until=duration)
     if number:
         raise typer.Exit(128 + number)
 

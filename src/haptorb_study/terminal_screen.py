@@ -17,7 +17,7 @@ from rich.text import Text
 
 from haptorb_study.prompts import Prompt
 from haptorb_study.trial_device import TrialDevice
-from haptorb_study.trial_lists import ask_number
+from haptorb_study.trial_lists import numeric_prompt
 from haptorb_study.trial_runner import TrialRunner
 
 __all__ = ["Screen", "View"]
@@ -87,7 +87,7 @@ class Screen:
                     task = f"interval {view.which} (Tab: the other). Which do you prefer? 1 or 2"
             elif prompt.high:
                 span = f"any number above {prompt.low}" if prompt.decimal else f"{prompt.low} to {prompt.high}"
-                task = f"{ask_number(trial_device.study)} {span}"
+                task = f"{numeric_prompt(trial_device.study)} {span}"
             elif prompt.wants_number:
                 task = "Find the place that pushes; answer with its number"
             else:

@@ -7,7 +7,7 @@ from itertools import combinations
 from haptorb_study.prompts import Prompt, rating
 from haptorb_study.study_file import Study
 
-__all__ = ["MAX_MAGNITUDE", "ask_number", "has_set_points", "is_comparison", "list_pairs", "list_prompts"]
+__all__ = ["MAX_MAGNITUDE", "has_set_points", "is_comparison", "list_pairs", "list_prompts", "numeric_prompt"]
 
 
 MAX_MAGNITUDE = 1_000_000  #: largest answer of a magnitude estimation; the smallest is above zero
@@ -23,7 +23,7 @@ def has_set_points(study: Study) -> bool:
     return study.procedure in ("identification", "localisation")
 
 
-def ask_number(study: Study) -> str:
+def numeric_prompt(study: Study) -> str:
     """Prompt for a numeric answer, without the range."""
     return "How strong does it push?" if study.procedure == "magnitude" else study.rating.question
 

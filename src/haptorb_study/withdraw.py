@@ -79,7 +79,7 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
         claims = [] if session is None else [lock_session(engine, session)]
         try:
             files, shared = _list_recordings(engine, place, session)
-            answered, said = _remove_rows(engine, study, code, session)
+            trial_count, reply_count = _remove_rows(engine, study, code, session)
         finally:
             for claim in claims:
                 claim.release()
@@ -107,7 +107,7 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
                 if there:
                     _follow(copy, there, study, visited, databases, left, gone)
         done = Withdrawal(
-            code, study.name, answered, said, tuple(gone), tuple(exports), tuple(databases), tuple(left)
+            code, study.name, trial_count, reply_count, tuple(gone), tuple(exports), tuple(databases), tuple(left)
         )  # fmt: skip
         with engine.begin() as connection:
             mine = (withdrawn.c.study == study.digest) & (withdrawn.c.code == code)
@@ -174,7 +174,7 @@ def _remove_rows(engine: Engine, study: Study, code: str, session: int | None) -
         return 0, 0
     with engine.begin() as connection:
         lock(connection)
-        answered, said = (
+        trial_count, reply_count = (
             int(connection.execute(select(func.count()).select_from(t).where(t.c.session == session)).scalar_one())
             for t in (trials, replies)
         )
@@ -188,8 +188,10 @@ def _remove_rows(engine: Engine, study: Study, code: str, session: int | None) -
         connection.execute(sessions.delete().where(sessions.c.id == session))
         connection.execute(participants.delete().where(participants.c.id == person.id))
         row = {"study": study.digest, "code": code, "ordinal": person.ordinal, "at": utc_now()}
-        connection.execute(withdrawn.insert().values(**row, text=f"{answered} trials and {said} replies removed"))
-    return answered, said
+        connection.execute(
+            withdrawn.insert().values(**row, text=f"{trial_count} trials and {reply_count} replies removed")
+        )
+    return trial_count, reply_count
 
 
 def _erase(engine: Engine) -> None:

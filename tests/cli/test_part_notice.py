@@ -2,7 +2,7 @@
 
 import time
 
-from haptorb.cli.run import tell_part
+from haptorb.cli.run import notify_rendered_part
 
 
 class Turning:
@@ -22,7 +22,7 @@ class Turning:
 def test_each_part_is_told_once(capsys, monkeypatch):
     monkeypatch.setattr("haptorb.cli.run._CHECK_INTERVAL_S", 1e-3)
     servo = Turning(None, "force", "torque", "torque", "both", "torque", "both")
-    with tell_part(servo):
+    with notify_rendered_part(servo):
         while len(servo.parts) > 1:
             time.sleep(1e-3)
     assert capsys.readouterr().err.split("\n") == ["of torque", "of both", ""]
@@ -31,6 +31,6 @@ def test_each_part_is_told_once(capsys, monkeypatch):
 def test_force_is_told_where_it_was_chosen(capsys):
     servo = Turning("force")
     servo.render = "force"
-    with tell_part(servo):
+    with notify_rendered_part(servo):
         pass
     assert capsys.readouterr().err == "of force\n"

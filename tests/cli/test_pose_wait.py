@@ -28,7 +28,7 @@ def test_it_says_once_what_is_waited_for_and_again_when_counts_change(
     monkeypatch.setattr(run, "_FIRST_CHECK_S", 0.005)
     monkeypatch.setattr(run, "_REPEAT_INTERVAL_S", 0.005)
     servo = WaitingServo()
-    with run.tell_missing_pose(cast("Servo", servo)):
+    with run.notify_missing_pose(cast("Servo", servo)):
         time.sleep(0.2)
         servo.missing_pose = "waiting for a pose on OSC port 9109: 3 refused"
         time.sleep(0.2)
@@ -42,6 +42,6 @@ def test_it_says_once_what_is_waited_for_and_again_when_counts_change(
 def test_a_short_run_with_poses_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     servo = WaitingServo()
     servo.missing_pose = ""
-    with run.tell_missing_pose(cast("Servo", servo)):
+    with run.notify_missing_pose(cast("Servo", servo)):
         time.sleep(0.01)
     assert capsys.readouterr().err == ""

@@ -49,7 +49,7 @@ class Habits:
 
 @final
 class Person:
-    """Where the person wants the tool, tick by tick of `dt` [s], for `duration` [s]; `goal` is what a driver asks for.
+    """Intended position of the tool, advanced by `dt` [s] per tick for `duration` [s]; the driver calls `goal`.
 
     `feel` takes the tool's true place after each tick.
     """
@@ -69,10 +69,10 @@ class Person:
         self._frame = np.empty((4, 3))
         late = max(round(habits.reaction / dt), 1)
         fill_frame(path.places, path.tangents, path.spacing, 0.0, self._frame)
-        self._wish = path.places[0].copy()
+        self._intended = path.places[0].copy()
         self._arc, self._direction, self._tick = 0.0, 1.0, 0
         self._felt: deque[Array] = deque([np.zeros(3)] * late, maxlen=late)
-        self._goal = Goal(self._wish.copy(), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
+        self._goal = Goal(self._intended.copy(), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
 
     def goal(self, now: float) -> Goal:
         """Where the person wants the tool at `now` [s]."""
@@ -82,16 +82,16 @@ class Person:
         """One tick more, in which the tool was at `place` (3,) [m]."""
         path, habits, frame, dt = self._path, self._habits, self._frame, self._dt
         n = min(self._tick, len(self._heading) - 1)
-        self._arc = follow_arc(self._wish, path.places, path.spacing, path.closed, self._arc, _REACH)
+        self._arc = follow_arc(self._intended, path.places, path.spacing, path.closed, self._arc, _REACH)
         if not path.closed and (
             (self._direction > 0 and self._arc >= path.length - path.spacing)
             or (self._direction < 0 and self._arc <= path.spacing)
         ):
             self._direction = -self._direction  # to and fro
         fill_frame(path.places, path.tangents, path.spacing, self._arc, frame)
-        sideways, outward = frame[2], self._wish / np.linalg.norm(self._wish)
+        sideways, outward = frame[2], self._intended / np.linalg.norm(self._intended)
         resting = n * dt >= habits.rest_after
-        away = place - self._wish
+        away = place - self._intended
         self._felt.append(away - outward * float(away @ outward))
         step = dt / habits.yielding * self._felt[0]
         if not resting:
@@ -104,11 +104,11 @@ class Person:
             )
             step = step + pace * dt * way / float(np.linalg.norm(way))
         if habits.insistence > 0.0:
-            beside = float((self._wish - frame[0]) @ sideways)
+            beside = float((self._intended - frame[0]) @ sideways)
             step = step + dt / habits.yielding * (self._own[n] - beside) * sideways
-        self._wish = self._wish + step
-        self._wish *= self._radius / np.linalg.norm(self._wish)
-        wanted = self._wish + self._tremor[n, 0] * frame[1] + self._tremor[n, 1] * sideways
+        self._intended = self._intended + step
+        self._intended *= self._radius / np.linalg.norm(self._intended)
+        wanted = self._intended + self._tremor[n, 0] * frame[1] + self._tremor[n, 1] * sideways
         x, y, z = (wanted / np.linalg.norm(wanted)).tolist()
         q = np.array([-y, x, 0.0, 1.0 + z])
         self._goal = Goal(wanted, q / np.linalg.norm(q), self._tick * dt, False)

@@ -458,7 +458,7 @@ def steepest(
     found: list[Steepness] = []
     away, jump = 0.0, _greatest_jump(field, places, times, inside)
 
-    def look(p: Array, t: float, moving: bool) -> float:
+    def linearize_at(p: Array, t: float, moving: bool) -> float:
         """Stiffness and damping at `p`; returns the strongest spring [N/m]."""
         nonlocal away, jump
         G, leap = _position_gradient(field, p, t)
@@ -474,19 +474,19 @@ def steepest(
                 found.append(Steepness(complex(gamma), 0.0, at))
         return float(np.abs(pull).max())
 
-    sizes = [look(p, t, True) for p, t in zip(places, times, strict=True)]
+    sizes = [linearize_at(p, t, True) for p, t in zip(places, times, strict=True)]
     scale = float(np.abs(places).max())
     for n in np.argsort(sizes)[::-1][:6]:
         p, best, reach, t = places[n].copy(), sizes[n], 0.05 * scale, float(times[n])
         while reach > _POSITION_STEP_M:
             tried = [q for q in p + 0.5 * reach * rng.normal(size=(8, 3)) if inside(q)]
-            grown = [look(q, t, False) for q in tried]
+            grown = [linearize_at(q, t, False) for q in tried]
             m = int(np.argmax(grown)) if grown else -1
             if grown and grown[m] > best:
                 p, best = tried[m], grown[m]
             else:
                 reach *= 0.5
-        look(p, t, True)
+        linearize_at(p, t, True)
     return Steepest(_select_critical(found, keep), away, jump)
 
 

@@ -402,7 +402,7 @@ def steepest_turn(device: Device, world: World) -> Steepest:
     found: list[Steepness] = []
     away, jump = 0.0, 0.0
 
-    def look(p: Array, R: Array, t: float, moving: bool) -> float:
+    def linearize_at(p: Array, R: Array, t: float, moving: bool) -> float:
         """The steepness at a pose; its strongest spring [N·m/rad]."""
         nonlocal away, jump
 
@@ -426,18 +426,18 @@ def steepest_turn(device: Device, world: World) -> Steepest:
 
     poses = _list_poses(device)
     times = rng.uniform(0.0, 10.0, len(poses)).tolist()
-    sizes = [look(p, R, t, True) for (p, R), t in zip(poses, times, strict=True)]
+    sizes = [linearize_at(p, R, t, True) for (p, R), t in zip(poses, times, strict=True)]
     for n in np.argsort(sizes)[::-1][:_CLIMBS].tolist():
         (p, R), best, reach = poses[n], sizes[n], 0.3
         while reach > _TURNING_STEP:
             tried = [turn(reach * rng.normal(size=3), R) for _ in range(6)]
-            grown = [look(p, turned, times[n], False) for turned in tried]
+            grown = [linearize_at(p, turned, times[n], False) for turned in tried]
             m = int(np.argmax(grown))
             if grown[m] > best * (1 + 1e-3):
                 R, best = tried[m], grown[m]
             else:
                 reach *= 0.5
-        look(p, R, times[n], True)
+        linearize_at(p, R, times[n], True)
     keys: tuple[Callable[[Steepness], float], ...] = (
         lambda one: one.stiffness.real,
         lambda one: one.damping,

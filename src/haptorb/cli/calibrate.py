@@ -82,7 +82,7 @@ def calibrate(
         prepare_thread()  # the firmware switches off after 15 ms of silence, even if this computer is busy
     result = guide_calibration(
         found, through, path, steps=chosen, heat=heat, loads=weighed, pace=pace, restart=restart, overwrite=force,
-        guide=Dialog(notify, _ask if asks else lambda step: True, lambda step, seconds: time_bar(step.title, seconds)),
+        guide=Dialog(notify, _prompt if asks else lambda step: True, lambda step, time: time_bar(step.title, time)),
     )  # fmt: skip
     if result is None:
         raise typer.Exit(1)
@@ -113,5 +113,5 @@ def calibrate(
     echo(f"written: {path}{' (simulated)' if result.simulated else ''}, id {result.id.hex()}")
 
 
-def _ask(step: Step) -> bool:
+def _prompt(step: Step) -> bool:
     return typer.confirm("    ready", default=True, err=True)

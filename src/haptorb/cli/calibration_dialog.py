@@ -35,7 +35,7 @@ NEEDED = ("rest", "currents", "magnetic")  #: steps without which no calibration
 Bar = Callable[[Step, float], AbstractContextManager[Callable[[float], None]]]
 
 
-def _say_nothing(text: str) -> None:
+def _ignore_message(text: str) -> None:
     """Discard a message."""
 
 
@@ -53,13 +53,13 @@ def _no_bar(step: Step, seconds: float) -> AbstractContextManager[Callable[[floa
 class Dialog:
     """User interface of a calibration: messages, prompts and progress bars.
 
-    say   prints one line
-    ask   asks before a step; True: continue, False: stop here and keep the completed steps
-    bar   context manager of a progress bar for a step of that many seconds; it returns a function of the elapsed time
+    notify  prints one line
+    prompt  asks for confirmation before a step; True: continue, False: stop here and keep the completed steps
+    bar     context manager of a progress bar for a step of that many seconds; it returns a function of the elapsed time
     """
 
-    say: Callable[[str], None] = _say_nothing
-    ask: Callable[[Step], bool] = _is_ready
+    notify: Callable[[str], None] = _ignore_message
+    prompt: Callable[[Step], bool] = _is_ready
     bar: Bar = _no_bar
 
 
@@ -96,21 +96,21 @@ def guide_calibration(
     pace, guide = pace or Pace(), guide or Dialog()
     progress = ProgressFile(out, device, driver.name)
     if restart:
-        progress.forget()
+        progress.delete()
     elif progress.left:
-        guide.say(progress.left)
+        guide.notify(progress.left)
     done = [step.name for step in STEPS if step.name in progress.results]
     if done:
-        guide.say(f"resumed; steps already done: {', '.join(done)} (--restart repeats them)")
+        guide.notify(f"resumed; steps already done: {', '.join(done)} (--restart repeats them)")
     for number, step in enumerate(steps, start=1):
         if step.name in progress.results:
             continue
         missing = [name for name in step.needs if name not in progress.results]
         if missing:
             raise InputError(f"step '{step.name}' needs these steps first: {', '.join(missing)}")
-        guide.say(f"{number}/{len(steps)} {step.title}: {step.asks}")
-        if not guide.ask(step):
-            guide.say(f"stopped before '{step.name}'; repeat the command to continue here")
+        guide.notify(f"{number}/{len(steps)} {step.title}: {step.instruction}")
+        if not guide.prompt(step):
+            guide.notify(f"stopped before '{step.name}'; repeat the command to continue here")
             return None
         try:
             progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, effort))
@@ -118,26 +118,26 @@ def guide_calibration(
             raise type(cause)(
                 f"step '{step.name}': {cause}. Then repeat the command: it continues at this step"
             ) from cause
-        guide.say(f"    {step.describe(device, progress.results[step.name])}")
+        guide.notify(f"    {step.describe(device, progress.results[step.name])}")
     absent = [name for name in NEEDED if name not in progress.results]
     if absent:
-        guide.say(f"progress stored in {progress.path}; a calibration also needs {', '.join(absent)}")
+        guide.notify(f"progress stored in {progress.path}; a calibration also needs {', '.join(absent)}")
         return None
     calibration = calibration_of(device, progress.results, driver.simulated, heat)
     if loads is not None:
         calibration, left = calibrate_by_loads(device, calibration, loads)
         assert calibration.strength is not None
         assert calibration.strength_uncertainty is not None
-        guide.say(
+        guide.notify(
             f"loads: {len(loads)} readings, {1e3 * left[0]:.2g} mN and {1e3 * left[1]:.2g} mN·m rms left; the magnet "
             f"has {100 * calibration.strength:.2f} ± {100 * calibration.strength_uncertainty:.2f} % of its remanence "
             "in the device file"
         )
     write_calibration(calibration, out, overwrite=overwrite)
-    progress.forget()
+    progress.delete()
     with driver:
         if driver.remember(calibration.id):
-            guide.say(f"the device stores the calibration's id, {calibration.id.hex()}")
+            guide.notify(f"the device stores the calibration's id, {calibration.id.hex()}")
     return calibration
 
 

@@ -81,7 +81,7 @@ def calibrate(
     heat: MeasuredHeat | None = None,
     *,
     pace: Pace | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Calibration:
     """Measure `device` through `driver` (not open yet); coils are off afterwards in any case.
 
@@ -90,14 +90,14 @@ def calibrate(
     pace = pace or Pace()
     with driver:
         session = DriverSession(device, driver, pace)
-        say("1/3 rest: coils off, tool away")
+        notify("1/3 rest: coils off, tool away")
         ambient = session.measure_at_rest()
-        say("2/3 currents: each coil alone at low current, compared with its current sensor")
+        notify("2/3 currents: each coil alone at low current, compared with its current sensor")
         resistance = session.coils_conduct()
-        say("3/3 magnetic: scheduled currents, measured fields")
+        notify("3/3 magnetic: scheduled currents, measured fields")
         found = session.magnetic(resistance)
     for (one, other), angle in found.skew(device.coils.names).items():
-        say(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
+        notify(f"    coils {one} and {other}: {90 + np.degrees(angle):.2f}° apart")
     return compose_calibration(device, ambient, resistance, found, heat, driver.simulated)
 
 

@@ -105,7 +105,7 @@ class ProgressFile:
         except OSError as cause:
             raise CalibrationError(f"cannot write {self.path}: {cause.strerror}") from cause
 
-    def forget(self) -> None:
+    def delete(self) -> None:
         """Delete the progress, to start again or after completion."""
         self.results = {}
         self.path.unlink(missing_ok=True)

@@ -93,7 +93,7 @@ class Step(ABC):
 
     name: str
     title: str
-    asks: str  #: instruction to the person before it begins
+    instruction: str  #: instruction to the person before it begins
     needs: tuple[str, ...] = ()
     hand: Hand = "away"  #: tool position: away, at the summit, or moved over the dome
 
@@ -128,7 +128,9 @@ class FieldsStep(Step):
     """Field at every sensor per ampere in each coil, and at rest."""
 
     name, title, needs = "fields", "the coils' field at every sensor", ("rest", "currents", "magnetic")
-    asks = "Each coil in turn carries up to 15 amperes in both directions, for a tenth of a second. Keep the tool away."
+    instruction = (
+        "Each coil in turn carries up to 15 amperes in both directions, for a tenth of a second. Keep the tool away."
+    )
 
     def seconds(self, bench: StepContext) -> float:
         """Return the duration of both directions and a pause for each coil [s]."""
@@ -176,7 +178,7 @@ class SensorsStep(Step):
 
     name, title, hand = "sensors", "offset, gain and place of the field sensors", "led"
     needs = ("rest", "magnetic", "fields")
-    asks = (
+    instruction = (
         "Coils stay off. For 45 seconds move the tool slowly over the whole dome: round it several times, from the "
         "summit down to the edge, on the dome and up to 20 mm above it, tilted to all sides."
     )
@@ -282,7 +284,7 @@ class RestStep(Step):
     """Readings with the coils off and the tool away."""
 
     name, title = "rest", "at rest"
-    asks = "Move the tool and other magnets at least 30 cm away, and switch on the coils' supply."
+    instruction = "Move the tool and other magnets at least 30 cm away, and switch on the coils' supply."
 
     def seconds(self, bench: StepContext) -> float:
         """Return the averaging time [s]."""
@@ -302,7 +304,7 @@ class CurrentsStep(Step):
     """Each coil by itself at low current: polarity, current sensing, resistance."""
 
     name, title, needs = "currents", "polarity and current sensing", ("rest",)
-    asks = "Each coil carries one ampere in both directions."
+    instruction = "Each coil carries one ampere in both directions."
 
     def seconds(self, bench: StepContext) -> float:
         """Return the duration of both polarities of each coil [s]."""
@@ -323,7 +325,7 @@ class MagneticStep(Step):
     """Moment per ampere, and the sensors' offsets: Zárate 2020 eq. (5)."""
 
     name, title, needs = "magnetic", "field per ampere", ("rest", "currents")
-    asks = "Each coil carries up to five amperes in both directions, in steps. Keep the tool away."
+    instruction = "Each coil carries up to five amperes in both directions, in steps. Keep the tool away."
 
     def seconds(self, bench: StepContext) -> float:
         """Return the duration of the schedule: 30 ms for each row [s]."""
@@ -367,7 +369,7 @@ class HeatStep(Step):
     """Heat capacities and conductances of windings and boundaries, from heating coils in turn and cooling them."""
 
     name, title, needs = "heat", "heat", ("rest", "currents")
-    asks = (
+    instruction = (
         "Each coil is heated by about 25 K in three minutes, one after the other (only the first if the device file "
         "couples none), while all are measured; then all cool for three. Start cold; do not touch them."
     )
@@ -415,7 +417,7 @@ class ToolStep(Step):
     """Polarity of the tool's magnet, held on the summit with the coils off."""
 
     name, title, needs, hand = "tool", "the tool's magnet", ("rest", "magnetic"), "summit"
-    asks = "Hold the tool upright on the summit of the dome. The coils stay off."
+    instruction = "Hold the tool upright on the summit of the dome. The coils stay off."
 
     def seconds(self, bench: StepContext) -> float:
         """Return the averaging time [s]."""

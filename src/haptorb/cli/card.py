@@ -136,7 +136,7 @@ class Card(NotebookReport, ABC):
 
 def facts(device: Device) -> dict[str, Any]:
     """Return the data that every device has, as plain JSON types."""
-    coils, told = device.coils, None if device.text is None else device.text.inheritance
+    coils, inheritance = device.coils, None if device.text is None else device.text.inheritance
     return {
         "name": device.name,
         "title": device.title,
@@ -158,8 +158,8 @@ def facts(device: Device) -> dict[str, Any]:
             "torque_rate_nm_per_s": device.limits.torque_rate,
         },
         "inherited": None
-        if told is None
-        else {"from": told.base, "own": list(told.own), "dropped": list(told.dropped)},
+        if inheritance is None
+        else {"from": inheritance.base, "own": list(inheritance.own), "dropped": list(inheritance.dropped)},
         "build_checks": [
             {
                 "condition": check.condition,
@@ -204,11 +204,15 @@ def print_card(device: Device, console: Console, more: Iterable[tuple[str, str]]
         ("supply", f"{device.supply.voltage:g} V{power}, {device.supply.duty_bits}-bit duty"),
         ("guard", guard),
     ]
-    told = None if device.text is None else device.text.inheritance
-    if told is not None:
-        dropped = f"; not from it: {_name_some(told.dropped)}" if told.dropped else ""
-        own = f"{len(told.own)} values of its own ({_name_some(told.own)})" if told.own else "no value of its own"
-        facts.append(("based on", f"{told.base}, with {own}{dropped}; all others are its base's"))
+    inheritance = None if device.text is None else device.text.inheritance
+    if inheritance is not None:
+        dropped = f"; not from it: {_name_some(inheritance.dropped)}" if inheritance.dropped else ""
+        own = (
+            f"{len(inheritance.own)} values of its own ({_name_some(inheritance.own)})"
+            if inheritance.own
+            else "no value of its own"
+        )
+        facts.append(("based on", f"{inheritance.base}, with {own}{dropped}; all others are its base's"))
     print_facts(console, [*facts, *more])
     for remark in device.remarks:
         print_text(console, f"\n{remark[:1].upper()}{remark[1:]}.", "bold red")

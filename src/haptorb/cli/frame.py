@@ -62,7 +62,7 @@ def frame(
     rehearsal = Rehearsal(found, port, seed) if rehearse else None
     opened, doing = ExitStack(), ExitStack()
 
-    def ask(stroke: Stroke) -> bool:
+    def prompt(stroke: Stroke) -> bool:
         if rehearsal is None:
             return typer.confirm("    ready", default=True, err=True)
         doing.close()  # of the previous stroke
@@ -75,7 +75,7 @@ def frame(
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         preparation.descriptor = -1  # owned by the feed from here on
         opened.callback(feed.close)
-        result = register_frame(found, feed, ask=ask, say=notify, bar=time_bar, pace=PACE if rehearse else 1.0)
+        result = register_frame(found, feed, prompt=prompt, notify=notify, bar=time_bar, pace=PACE if rehearse else 1.0)
     if result is None:
         raise typer.Exit(1)
     written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)

@@ -49,12 +49,12 @@ class Stroke:
     """One motion with the tool while the tracker is recorded."""
 
     name: str
-    asks: str  #: instruction to the person before it begins
+    instruction: str  #: instruction to the person before it begins
     seconds: float  #: recording time
 
     def scale_time(self, pace: float) -> Stroke:
         """Return the stroke with its duration multiplied by `pace`."""
-        return Stroke(self.name, self.asks, pace * self.seconds)
+        return Stroke(self.name, self.instruction, pace * self.seconds)
 
 
 def check_device(device: Device) -> SphericalElectromagnet:
@@ -88,8 +88,8 @@ def register_frame(
     device: SphericalElectromagnet,
     feed: Feed,
     *,
-    ask: Callable[[Stroke], bool],
-    say: Callable[[str], None],
+    prompt: Callable[[Stroke], bool],
+    notify: Callable[[str], None],
     bar: Bar,
     pace: float = 1.0,
 ) -> FrameRegistration | None:
@@ -99,13 +99,13 @@ def register_frame(
     """
     steps, recordings = strokes(device), {}
     for number, stroke in enumerate((one.scale_time(pace) for one in steps), start=1):
-        say(f"{number}/{len(steps)} {stroke.name}: {stroke.asks}")
-        if not ask(stroke):
-            say("stopped; no file was written")
+        notify(f"{number}/{len(steps)} {stroke.name}: {stroke.instruction}")
+        if not prompt(stroke):
+            notify("stopped; no file was written")
             return None
         with bar(stroke.name, stroke.seconds) as passed:
             recordings[stroke.name] = _record_stroke(feed, stroke, passed)
-        say(f"    {len(recordings[stroke.name])} distinct poses")
+        notify(f"    {len(recordings[stroke.name])} distinct poses")
     marks = {name.partition(" ")[2]: one for name, one in recordings.items() if name.startswith("mark ")}
     return frame_registration(TouchSession(recordings["dome"], marks, recordings["roll"]), device)
 

@@ -115,9 +115,9 @@ def identify_heat(
                     "use another computer"
                 ) from cause
             last = (duties * device.supply.voltage) ** 2 / ohms
-            record.spend(min(max(session.now() - start, n * _BIN_S), (n + 1) * _BIN_S), last[watched])
+            record.append_power(min(max(session.now() - start, n * _BIN_S), (n + 1) * _BIN_S), last[watched])
             after = _pause(session, device, start, n, rate)
-            record.spend(after * _BIN_S, 0.0 * last[watched])
+            record.append_power(after * _BIN_S, 0.0 * last[watched])
             lost, n = lost + after - n - 1, after
             continue
         currents = np.mean([sample.currents for sample in samples], axis=0)
@@ -126,8 +126,10 @@ def identify_heat(
         _check_currents(device, np.abs(currents), volts / resistance, watched)
         ohms[watched] = volts[watched] / np.abs(currents[watched])
         warm = cold + (ohms / resistance - 1) / coils.temperature_coefficient
-        record.tell((n + 0.6) * _BIN_S, warm[watched], edge[watched])  # readings are averaged over the last four fifths
-        record.spend((n + 1) * _BIN_S, (volts * np.abs(currents))[watched])
+        record.append(
+            (n + 0.6) * _BIN_S, warm[watched], edge[watched]
+        )  # readings are averaged over the last four fifths
+        record.append_power((n + 1) * _BIN_S, (volts * np.abs(currents))[watched])
         if plan[n] != _NO_COIL and edge[plan[n]] > hottest:
             plan = plan[: n + 1] + [coil for coil in plan[n + 1 :] if coil != plan[n]]
         n += 1
@@ -161,13 +163,13 @@ class _Record:
         self._boundary: list[Array] = []
         self._until, self._joules = [0.0], [np.zeros(coils)]
 
-    def tell(self, t: float, winding: Array, boundary: Array) -> None:
+    def append(self, t: float, winding: Array, boundary: Array) -> None:
         """Append the temperatures of all coils (m,) [K] at time `t` [s]."""
         self._times.append(t)
         self._winding.append(winding)
         self._boundary.append(boundary)
 
-    def spend(self, until: float, watts: Array) -> None:
+    def append_power(self, until: float, watts: Array) -> None:
         """Append the power (m,) [W] between the last time stamp and `until` [s]."""
         self._joules.append(self._joules[-1] + watts * (until - self._until[-1]))
         self._until.append(until)

@@ -35,7 +35,7 @@ app = CommandLine(
 )
 
 
-def tell_version(wanted: bool) -> None:
+def print_version(wanted: bool) -> None:
     """Print the version and exit, before other options are evaluated."""
     if wanted:
         echo(f"haptorb {__version__}")
@@ -45,7 +45,7 @@ def tell_version(wanted: bool) -> None:
 @app.callback()
 def start(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=tell_version)
+        bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=print_version)
     ] = False,
 ) -> None:
     """Design, simulate and run spherical electromagnetic haptic devices."""

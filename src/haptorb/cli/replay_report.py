@@ -24,30 +24,28 @@ __all__ = [
     "Curves",
     "difference_table",
     "draw_comparison",
+    "format_verdict",
     "list_numbers",
     "list_replay_facts",
-    "tell_verdict",
 ]
 
 
-def tell_verdict(replay: Replay) -> str:
+def format_verdict(replay: Replay) -> str:
     """Describe whether all values agree, or where the first one differs."""
     found = replay.comparison
     ticks = f"{found.compared} ticks"
     if replay.replaced:
-        return f"replayed with another {' and another '.join(replay.replaced)}: {_tell_share(found)}"
+        return f"replayed with another {' and another '.join(replay.replaced)}: {_format_differing(found)}"
     if found.identical and not replay.approximate:
         return f"identical: every number of {ticks} is the same, bit for bit"
     if replay.missing:
-        return f"near, because this older recording does not contain the samples: {_tell_share(found)}"
+        return f"near, because this older recording does not contain the samples: {_format_differing(found)}"
     if replay.approximate:
-        return (
-            f"near, because the recording does not contain the state of the loop at its beginning: {_tell_share(found)}"
-        )
-    return f"different: {_tell_share(found)}"
+        return f"near, because the recording does not contain the loop's initial state: {_format_differing(found)}"
+    return f"different: {_format_differing(found)}"
 
 
-def _tell_share(found: RunComparison) -> str:
+def _format_differing(found: RunComparison) -> str:
     if found.first is None:
         return f"all {found.compared} ticks are the same, bit for bit"
     return f"{found.differing} of {found.compared} ticks differ, first tick {found.first.tick} at {found.first.t:.4g} s"
@@ -55,7 +53,7 @@ def _tell_share(found: RunComparison) -> str:
 
 def list_replay_facts(replay: Replay) -> list[tuple[str, str]]:
     """List names and texts: what was replayed, the first difference, and substituted parts."""
-    facts = [("verdict", tell_verdict(replay))]
+    facts = [("verdict", format_verdict(replay))]
     first = replay.comparison.first
     if first is not None:
         facts.append(("first difference", _describe(first)))

@@ -24,7 +24,14 @@ if TYPE_CHECKING:
     from haptorb.worlds.scene import SceneFile
     from haptorb.worlds.user_world import WorldFile
 
-__all__ = ["AddressOption", "HostOption", "describe_tracking", "register", "tell_missing_pose", "tell_part"]
+__all__ = [
+    "AddressOption",
+    "HostOption",
+    "describe_tracking",
+    "notify_missing_pose",
+    "notify_rendered_part",
+    "register",
+]
 
 #: option of every command that serves a page
 HostOption = Annotated[
@@ -43,13 +50,13 @@ _CHECK_INTERVAL_S = 0.2  #: polling interval: a world without a declared part is
 
 
 @contextmanager
-def tell_part(servo: Servo) -> Iterator[None]:
+def notify_rendered_part(servo: Servo) -> Iterator[None]:
     """While the block runs, print a line when a part of the wrench is rendered for the first time."""
     from haptorb.worlds.base import PARTS
 
     ended, known = Event(), set[str]()
 
-    def look() -> None:
+    def poll() -> None:
         while True:
             part = servo.rendered_part
             if part is not None and part not in known:
@@ -60,13 +67,13 @@ def tell_part(servo: Servo) -> Iterator[None]:
             if ended.wait(_CHECK_INTERVAL_S):
                 return
 
-    looking = Thread(target=look, name="rendered part", daemon=True)
-    looking.start()
+    poller = Thread(target=poll, name="rendered part", daemon=True)
+    poller.start()
     try:
         yield
     finally:
         ended.set()
-        looking.join()
+        poller.join()
 
 
 # --------------------------------------------------------------------------------------------------
@@ -78,12 +85,12 @@ _REPEAT_INTERVAL_S = 10.0  #: least interval between two lines while counts chan
 
 
 @contextmanager
-def tell_missing_pose(servo: Servo) -> Iterator[None]:
+def notify_missing_pose(servo: Servo) -> Iterator[None]:
     """While the block runs, print a line 2 s after the start if no pose is valid, and again whenever its counts have
     changed, at most every 10 s."""
     ended = Event()
 
-    def look() -> None:
+    def poll() -> None:
         last_text, patience = "", _FIRST_CHECK_S
         while not ended.wait(patience):
             patience = _FIRST_CHECK_S
@@ -93,13 +100,13 @@ def tell_missing_pose(servo: Servo) -> Iterator[None]:
                 patience = _REPEAT_INTERVAL_S
             last_text = text
 
-    looking = Thread(target=look, name="missing pose", daemon=True)
-    looking.start()
+    poller = Thread(target=poll, name="missing pose", daemon=True)
+    poller.start()
     try:
         yield
     finally:
         ended.set()
-        looking.join()
+        poller.join()
 
 
 def describe_tracking(name: str, poses: dict[str, Any]) -> str:
@@ -295,7 +302,7 @@ def _run_without_console(
             world, driver = servo.world[0], _driver_text(servo)
             notify(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
         try:
-            with tell_missing_pose(servo), tell_part(servo):
+            with notify_missing_pose(servo), notify_rendered_part(servo):
                 try:
                     servo.run(duration if duration is not None else 1e9)
                 finally:
@@ -330,7 +337,7 @@ def _run_with_console(
         end = float("inf") if duration is None else monotonic() + duration
         last, invited = "", False
 
-        def look() -> bool:
+        def poll() -> bool:
             nonlocal last, invited
             if console.answers and not invited:
                 invited = True
@@ -341,8 +348,8 @@ def _run_with_console(
             last = now
             return monotonic() > end
 
-        with tell_missing_pose(servo), tell_part(servo):
-            number = console.serve(open_browser=browser, until=look)
+        with notify_missing_pose(servo), notify_rendered_part(servo):
+            number = console.serve(open_browser=browser, until=poll)
         servo.check_end()  # a servo that failed reports why, and sets the exit code
     _report(servo, json)
     return number or 0

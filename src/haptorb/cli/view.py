@@ -58,12 +58,12 @@ def view(
     if warning := where.describe_exposure("see the recording"):
         notify(warning)
     with opened as viewer:
-        number = viewer.serve(open_browser=browser, ready=lambda: _tell(viewer, json), until=duration)
+        number = viewer.serve(open_browser=browser, ready=lambda: _print_address(viewer, json), until=duration)
     if number is not None and number != signal.SIGINT:
         raise typer.Exit(128 + number)
 
 
-def _tell(viewer: Viewer, json: bool) -> None:
+def _print_address(viewer: Viewer, json: bool) -> None:
     """Where the page is, and what is to be known of the recordings."""
     from haptorb.cli.recording import list_missing
 

@@ -217,7 +217,7 @@ def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
     found = np.zeros(6)
     wanted = np.zeros(6)
 
-    def gives(size: float, direction: Array) -> bool:
+    def can_give(size: float, direction: Array) -> bool:
         wanted[:3] = size * direction
         given = wrench_map.wrench(allocator.allocate(wrench_map, wanted).currents)[:3]
         return bool(np.abs(given - wanted[:3]).max() <= _FORCE_TOLERANCE * max(size, most * _FORCE_TOLERANCE))
@@ -226,13 +226,13 @@ def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
         most = float(np.abs(direction @ forces) @ allocator.current_limit + direction @ passive)
         if most <= 0.0:
             continue
-        known = next((size for size in most * _FRACTIONS if gives(size, direction)), None)
+        known = next((size for size in most * _FRACTIONS if can_give(size, direction)), None)
         if known is None:
             continue
         least, beyond = known, most
         for _ in range(_HALVINGS):
             middle = 0.5 * (least + beyond)
-            least, beyond = (middle, beyond) if gives(middle, direction) else (least, middle)
+            least, beyond = (middle, beyond) if can_give(middle, direction) else (least, middle)
         found[n] = least
     return found
 

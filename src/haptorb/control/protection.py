@@ -161,7 +161,7 @@ class Protection(Stateful):
         self._stored: Any = self.state["passivity"]["stored"].data
         self.asked: Array = self._guard["asked"][0]
         self.commanded: Array = self._guard["commanded"][0]
-        self._nobody = make_client_force()
+        self._no_force = make_client_force()
         spare = self.state.copy()  # compiled at construction, not in the loop
         skip_tick(spare, 0.0)
         guard.trip(spare["guard"][0], int(Trip.NONE))
@@ -270,7 +270,7 @@ class Protection(Stateful):
         self._stored[0] = stored
         protect_wrench(
             self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
-            estimate.reversed, self._nobody if client is None else client,
+            estimate.reversed, self._no_force if client is None else client,
         )  # fmt: skip
         return self.asked
 

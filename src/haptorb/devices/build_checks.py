@@ -72,19 +72,19 @@ class BuildCheck:
 class BuildError(DeviceError):
     """A device that cannot be built; `failures` are the checks that do not hold."""
 
-    def __init__(self, name: str, told: Sequence[str], failures: Sequence[BuildCheck]) -> None:
-        lines = "\n".join(f"device '{name}': {line}" for line in told)
+    def __init__(self, name: str, messages: Sequence[str], failures: Sequence[BuildCheck]) -> None:
+        lines = "\n".join(f"device '{name}': {line}" for line in messages)
         text = f"{lines}\ncorrect the file, or study it as it is"
         super().__init__(f"{text}: override=True", command=f"{text}: `haptorb inspect DEVICE --override`")
         self.failures = tuple(failures)
-        self._name, self._told = name, tuple(told)
+        self._name, self._messages = name, tuple(messages)
 
     def __reduce__(self) -> tuple[type[BuildError], tuple[object, ...]]:
-        return BuildError, (self._name, self._told, self.failures)
+        return BuildError, (self._name, self._messages, self.failures)
 
     def rename(self, name: str) -> BuildError:
         """The same of the device, or file, called `name`."""
-        return BuildError(name, self._told, self.failures)
+        return BuildError(name, self._messages, self.failures)
 
 
 def refuse_unbuildable(name: str, checks: Iterable[BuildCheck], findings: Iterable[str] = ()) -> None:
@@ -93,9 +93,9 @@ def refuse_unbuildable(name: str, checks: Iterable[BuildCheck], findings: Iterab
     Raises BuildError, whose message tells how to study the device all the same.
     """
     failures = [check for check in checks if not check.holds]
-    told = [*findings, *(check.explain() for check in failures)]
-    if told:
-        raise BuildError(name, told, failures)
+    messages = [*findings, *(check.explain() for check in failures)]
+    if messages:
+        raise BuildError(name, messages, failures)
 
 
 def check_wire(

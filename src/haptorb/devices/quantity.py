@@ -119,7 +119,7 @@ def si(value: object, unit: str, kind: str) -> float:
         turns = unit == "" and name in ("turn", "turns")  # of a winding, where an angle's turn is 2π
         converted = number if turns else convert(number, name, unit)
         if converted is None:
-            converted = _ask_pint(number, name, unit)
+            converted = _convert_with_pint(number, name, unit)
     except (ArithmeticError, AttributeError, ValueError) as cause:
         why = explain_unit(name, unit, _is_unit)
         raise ValueError(f"{expected if name == '' else f'must be {kind}'}; got {text}{why}") from cause
@@ -131,7 +131,7 @@ def si(value: object, unit: str, kind: str) -> float:
     return float(f"{converted:.15g}")  # 67.9 mm is 0.0679 m, not 0.06790000000000001 m
 
 
-def _ask_pint(number: float, name: str, unit: str) -> float:
+def _convert_with_pint(number: float, name: str, unit: str) -> float:
     """`number` of the unit that `name` writes, in `unit`; ValueError, or another error of pint's, if it cannot."""
     import pint
 

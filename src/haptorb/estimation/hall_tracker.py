@@ -341,7 +341,7 @@ def _variance_share(t: Record) -> float:
 
 
 @kernel
-def _find_doubt(t: Record, share: float, p: Array, R: Array) -> int:
+def _classify_fit(t: Record, share: float, p: Array, R: Array) -> int:
     covariance = t.covariance
     if (
         not share * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
@@ -372,7 +372,7 @@ def filter_fit(tracker: Records, misfit: float, readings: int, dt: float, pose: 
         return LOST
     t.misfit += (1.0 if restart else t.share) * (square - t.misfit)
     covariance *= max(t.noise * t.noise, t.misfit)
-    why = _find_doubt(t, 1.0 if restart else _variance_share(t), p, R)
+    why = _classify_fit(t, 1.0 if restart else _variance_share(t), p, R)
     if why == LOCATED:
         correct_pose(t.filter, dt, t.bandwidth, p, R, pose[4], pose[5])
         covariance *= _variance_share(t)

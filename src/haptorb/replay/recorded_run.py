@@ -422,7 +422,7 @@ def _dynamic_kind(known_as: str) -> Any:
 
         tick: RecordedTick
         numbers: tuple[MemoryField, ...]
-        says_energy: bool | None
+        recorded_stores_energy: bool | None
         remote: Remote | None
         called: ClassVar[str] = known_as
 
@@ -440,7 +440,7 @@ def _dynamic_kind(known_as: str) -> Any:
         def stores_energy(self) -> bool:
             """As the recording notes it."""
             usual = any(field.name == "energy" for field in self.numbers)
-            return usual if self.says_energy is None else bool(self.says_energy)
+            return usual if self.recorded_stores_energy is None else bool(self.recorded_stores_energy)
 
         @property
         def takes_commands(self) -> bool:  # type: ignore[override]  # the recorded world did, or did not

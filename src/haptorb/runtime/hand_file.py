@@ -401,8 +401,8 @@ class _Script:
 
     def move(self, place: Array | None, angles: Array | None, duration: float, *, smooth: bool) -> None:
         """Move there within `duration` [s], with the least jerk or, if not `smooth`, at constant speed."""
-        before = np.concatenate((self._there(), self.angles))
-        self.place = self._there() if place is None else place
+        before = np.concatenate((self._current_place(), self.angles))
+        self.place = self._current_place() if place is None else place
         self.angles, self.turned = (self.angles, self.turned) if angles is None else (angles, True)
         after = np.concatenate((self.place, self.angles))
         count = max(math.ceil(duration / _STEP - 1e-9), 1)
@@ -414,7 +414,7 @@ class _Script:
 
     def wait(self, duration: float) -> None:
         """Stay for `duration` [s]."""
-        self._add(np.array([self.now + duration]), np.concatenate((self._there(), self.angles))[None])
+        self._add(np.array([self.now + duration]), np.concatenate((self._current_place(), self.angles))[None])
 
     def press(self, names: Sequence[str], *, down: bool) -> None:
         """Press or release buttons now."""
@@ -423,14 +423,14 @@ class _Script:
                 raise ValueError(f"there is no button {quote(name)}; there are {', '.join(BUTTONS)}")
             bit = 1 << BUTTONS.index(name)
             self.bits = self.bits | bit if down else self.bits & ~bit
-        self._there()
+        self._current_place()
         self.presses = [one for one in self.presses if one[0] != self.now] + [(self.now, self.bits)]
 
     def close_grip(self, opening: float, duration: float) -> None:
         """Bring the gripper to `opening` [m] within `duration` [s]."""
         if not 0.0 <= opening <= _WIDEST:
             raise ValueError(f"grip must be between 0 and {1e3 * _WIDEST:g} mm")
-        self._there()
+        self._current_place()
         if duration and not math.isnan(self.opening):
             self.grip.append((self.now, self.opening))
         if duration:
@@ -438,7 +438,7 @@ class _Script:
         self.grip.append((self.now, opening))
         self.opening = opening
 
-    def _there(self) -> Array:
+    def _current_place(self) -> Array:
         if self.place is None:
             raise ValueError(f"the first command must be {_FORMS['start']}")
         return self.place
@@ -463,7 +463,7 @@ def parse_script(text: str, device: Device, path: str, digest: str = "") -> Scri
         if not words:
             continue
         try:
-            _obey(script, words)
+            _execute(script, words)
         except ValueError as cause:
             raise InputError(f"{path}, line {number}: {cause}; got {quote(words)}") from cause
     if not script.times:
@@ -480,7 +480,7 @@ def parse_script(text: str, device: Device, path: str, digest: str = "") -> Scri
     return _make(path, device, times, poses, script.presses, stated, digest)
 
 
-def _obey(script: _Script, words: str) -> None:
+def _execute(script: _Script, words: str) -> None:
     """Add the command `words` to `script`; ValueError for what is none."""
     if len(words) > _COMMAND_CHARACTERS:
         raise ValueError(f"a command has at most {_COMMAND_CHARACTERS} characters")

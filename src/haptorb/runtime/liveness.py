@@ -73,7 +73,7 @@ class HostHeartbeat:
 
     def __init__(self, state: Callable[[], str], starved: Callable[[int], bool] | None = None) -> None:
         self._state, self._starved = state, starved
-        self._last_look = self._last_threads = 0
+        self._last_check = self._last_threads = 0
         self._silence = self._waited = 0  # time since the heartbeat, and the part in which it was starved [ns]
 
     def explain_silence(self, now: int, silence: int) -> str:
@@ -91,8 +91,8 @@ class HostHeartbeat:
             return f"the program that started the servo did not respond for {STARVATION:g} s: the computer is too busy"
         if silence - self._waited > SILENCE * 1e9:
             return f"the program that started the servo did not respond for {SILENCE:g} s"
-        if silence > (STOPPED * 1e9 - _CHECK_INTERVAL_NS) and now - self._last_look >= _CHECK_INTERVAL_NS:
-            self._last_look = now
+        if silence > (STOPPED * 1e9 - _CHECK_INTERVAL_NS) and now - self._last_check >= _CHECK_INTERVAL_NS:
+            self._last_check = now
             if self._state() in ("T", "t"):  # safety: host-stopped, host-computing
                 return f"the program that started the servo was stopped and did not respond for {STOPPED:g} s"
         return ""
@@ -176,7 +176,7 @@ class StallTime:
         self.time = 0.0  #: since the value changed, in the unit of `step`
         self._step = step
         self._value: int | None = None
-        self._last_look = 0.0
+        self._last_check = 0.0
 
     def update(self, now: float, value: int) -> float:
         """Return the time since `value` changed.
@@ -188,8 +188,8 @@ class StallTime:
         if value != self._value:
             self._value, self.time = value, 0.0
         else:
-            self.time += min(now - self._last_look, self._step)
-        self._last_look = now
+            self.time += min(now - self._last_check, self._step)
+        self._last_check = now
         return self.time
 
 

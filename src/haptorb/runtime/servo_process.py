@@ -25,7 +25,7 @@ from types import FrameType
 
 from haptorb import worlds
 from haptorb.arrays import Array
-from haptorb.compiled import UncompiledKernelError, forbid_compiling, tell_compiling
+from haptorb.compiled import UncompiledKernelError, forbid_compiling, on_compiling
 from haptorb.errors import HaptorbError
 from haptorb.runtime import plan as plans
 from haptorb.runtime.clock import Clock
@@ -137,7 +137,7 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     plan = plans.load(path)
     shared.announce_world(description(plan.config.world))
     gc.disable()  # compiling makes a million permanent objects; scanning them took an eighth of a first start
-    tell_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # so that another process helps to compile
+    on_compiling(partial(shared.words.__setitem__, Word.COMPILED, 1))  # so that another process helps to compile
     with redirect_stdout(None):
         uncompiled = _warm_up(plan, shared)
     shared.words[Word.UNCOMPILED] = len(uncompiled)

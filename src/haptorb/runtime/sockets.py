@@ -42,7 +42,7 @@ class DatagramTimes:
 
     def __init__(self) -> None:
         self._shift = self._last_shift = _measure_shift()
-        self._looked = self._before = monotonic_ns()
+        self._polled_at = self._before = monotonic_ns()
 
     @staticmethod
     def watch(opened: socket.socket) -> None:
@@ -54,7 +54,7 @@ class DatagramTimes:
     def begin_batch(self) -> None:
         """Begin a batch: its datagrams arrived since the last batch, unless the kernel has timestamped them."""
         self._last_shift, self._shift = self._shift, _measure_shift()
-        self._before, self._looked = self._looked, monotonic_ns()
+        self._before, self._polled_at = self._polled_at, monotonic_ns()
 
     def find(self, notes: list[tuple[int, int, bytes]]) -> float:
         """Return the arrival time of the datagram with the ancillary data `notes`, on the monotonic clock [s]."""
@@ -64,7 +64,7 @@ class DatagramTimes:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIME.size:
                 seconds, nanoseconds = _TIME.unpack(data[: _TIME.size])
                 return 1e-9 * float(min(seconds * 1_000_000_000 + nanoseconds - self._shift, monotonic_ns()))
-        return 1e-9 * self._looked
+        return 1e-9 * self._polled_at
 
 
 def _wait_for_stamps() -> None:

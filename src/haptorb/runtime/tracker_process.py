@@ -49,14 +49,14 @@ def main(spec: Mapping[str, Any]) -> int:
     shared = SharedMemory(Path(spec["shared"]))
     words, parent = shared.words, int(spec["parent"])
 
-    def look() -> None:
+    def poll() -> None:
         if words[Word.QUIT] or words[Word.PHASE] >= Phase.ENDED or is_parent_gone(parent):
             raise _ServoEnded
 
     def origin() -> float:
         words[Word.TRACKER] = Phase.RUNNING  # before the first pose: its sender may wait for the loop
         while words[Word.PHASE] < Phase.RUNNING:
-            look()
+            poll()
             sleep(0.002)
         return float(words[Word.ORIGIN]) * 1e-9
 
@@ -72,7 +72,7 @@ def main(spec: Mapping[str, Any]) -> int:
     report_time, cpu_time = monotonic(), process_time()
     try:
         while True:
-            look()
+            poll()
             pose_filter.listen(_POLL_TIMEOUT_S)
             if (passed := monotonic() - report_time) > _REPORT_INTERVAL_S:
                 if process_time() - cpu_time > _FLOOD_LOAD * passed:

@@ -628,7 +628,7 @@ class DeviceWatcher:
     def _device_fields(self) -> dict[str, Any]:
         return {"device_family": "inverse", "device_id": self._identity.device}
 
-    def introduce(self) -> str:
+    def connected_event(self) -> str:
         """Encode the event of the connected device, for a new listener."""
         text = f"{self._served.device.title} is connected"
         return write_event("device-connected", "device", "info", self._device_fields(), text)
@@ -719,7 +719,7 @@ async def _serve(spec: dict[str, Any], sockets: list[socket.socket], served: Ser
     clients = _ClientEndpoint(access, service)
     endpoints: list[Endpoint] = [clients, listeners]
     watcher = DeviceWatcher(served, service.identity)
-    listeners.first = watcher.introduce
+    listeners.first = watcher.connected_event
     servers = [
         await loop.create_server(_make_connections(endpoint), sock=one)
         for endpoint, one in zip(cycle(endpoints), sockets, strict=False)

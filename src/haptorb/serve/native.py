@@ -392,7 +392,7 @@ class NativeServer:
         self._write_facts()
         self.publish()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Publish the newest row if there is a newer one, and hand on what was commanded."""
         if self.served.tick_count != self._tick:
             self.publish()
@@ -721,7 +721,7 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
         try:
             report = 0.0
             while not served.over:
-                server.look()
+                server.poll()
                 if monotonic() >= report or server.changed:
                     report = monotonic() + _REPORT
                     server.report(str(path))

@@ -105,7 +105,7 @@ def _turn(q: Array, w: Array, dt: float) -> None:
 
 
 @kernel
-def advance_arm(arm: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, per_ampere: Array) -> None:
+def advance_arm(arm: Records, coils: Records, duties: Array, goal_p: Array, goal_q: Array, per_ampere: Array) -> None:
     """Some steps of motors, end effector, stops and hand: `arm` (1,) ARM and `coils` (m,) COIL advance.
 
     duties (m,); per_ampere (6, m) [N/A, N·m/A]. Each step is the implicit midpoint in the hand's spring and all
@@ -113,7 +113,7 @@ def advance_arm(arm: Records, coils: Records, duties: Array, wish_p: Array, wish
     friction; p' = p + dt (v + v')/2.
     """
     e = arm[0]
-    set_goal(e, wish_p, wish_q)
+    set_goal(e, goal_p, goal_q)
     dt, truth, grip = e.dt, e.wrench, e.grip
     total, turn = np.empty(6), np.empty(3)
     for k in range(coils.size):

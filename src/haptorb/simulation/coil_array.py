@@ -86,17 +86,17 @@ def _renew(magnetics: ArrayTruth, R: Array, p: Array, newest: Array, change: Arr
 
 @kernel
 def advance_array(
-    array: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, magnetics: ArrayTruth, held: Array
+    array: Records, coils: Records, duties: Array, goal_p: Array, goal_q: Array, magnetics: ArrayTruth, held: Array
 ) -> None:
     """Advance `array` (1,) COIL_ARRAY and `coils` (m,) COIL by several steps of coils, core, tool, surface and hand.
 
-    duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
+    duties (m,); the hand goes to goal_p (3,) [m] and goal_q (4,) where they are numbers and a turn, else to where it
     went; held (2, 11, max(m, 6)): pose (4), passive (1) and matrix (6, m) of the newest map, and what they have changed
     by since the one before.
     """
     e = array[0]
     tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
-    set_goal(tool, wish_p, wish_q)
+    set_goal(tool, goal_p, goal_q)
     R, turn = np.empty((3, 3)), np.empty(3)
     given, total, per_current = np.empty(6), np.empty(6), np.empty((6, count))
     newest, change = held[0], held[1]

@@ -343,20 +343,20 @@ def _is_map_old(electromagnet: Records, held: Array, pose: Array) -> bool:
 
 @kernel
 def advance(
-    electromagnet: Records, coils: Records, duties: Array, wish_p: Array, wish_q: Array, moment_per_current: Array,
+    electromagnet: Records, coils: Records, duties: Array, goal_p: Array, goal_q: Array, moment_per_current: Array,
     held: Array, first: int, steps: int,
 ) -> None:  # fmt: skip
     """Advance `electromagnet` (1,) ELECTROMAGNET and `coils` (m,) COIL by several steps of the whole simulation.
 
     steps: of the call's, after the `first` of them.
 
-    duties (m,); the hand goes to wish_p (3,) [m] and wish_q (4,) where they are numbers and a turn, else to where it
+    duties (m,); the hand goes to goal_p (3,) [m] and goal_q (4,) where they are numbers and a turn, else to where it
     went; moment_per_current (6, m) [m²] as in `core_step`; held (2, 17, 6): the newest map, and what it has changed by
     since the one before.
     """
     e = electromagnet[0]
     tool, wrench, dt, count = e.tool, e.wrench, e.dt, coils.size
-    set_goal(tool, wish_p, wish_q)
+    set_goal(tool, goal_p, goal_q)
     R, turn = np.empty((3, 3)), np.empty(3)
     per_moment, per_current = np.empty((6, 3)), np.empty((6, count))
     given, total = np.empty(6), np.empty(6)

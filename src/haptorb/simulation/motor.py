@@ -192,23 +192,23 @@ MOTOR = fields(
 
 
 @kernel
-def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, wish: Array) -> None:
+def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, goal: Array) -> None:
     """Advance `motor` (1,) MOTOR and `coils` (m,) COIL by several steps of rotor and coils.
 
     The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
     steps as the rotor needs for STRIDE, in their middle.
 
-    magnetics as `pack_truth` made them; strength (p,) of the magnets; duties (m,); the hand goes to wish (4,) if
+    magnetics as `pack_truth` made them; strength (p,) of the magnets; duties (m,); the hand goes to goal (4,) if
     that is a quaternion, else to where it went.
     """
     m, parts = motor[0], unpack_truth(magnetics)
     rotor, truth, dt, steps, channels = m.rotor, m.torque, m.dt, m.steps, coils.size
     R, w, K = np.empty((3, 3)), np.empty(3), np.empty((3, channels))
     passive, given, mean = np.empty(3), np.empty(3), np.empty(channels)
-    size = wish[0] * wish[0] + wish[1] * wish[1] + wish[2] * wish[2] + wish[3] * wish[3]
+    size = goal[0] * goal[0] + goal[1] * goal[1] + goal[2] * goal[2] + goal[3] * goal[3]
     if 0.0 < size < 1e12:  # false for NaN as well
         for i in range(4):
-            rotor.goal[i] = wish[i] / math.sqrt(size)
+            rotor.goal[i] = goal[i] / math.sqrt(size)
     for k in range(channels):
         coils[k].duty = duties[k]
     for i in range(3):

@@ -517,17 +517,17 @@ def _inverse_mass(tool: Record, R: Array, rx: float, ry: float, rz: float, ux: f
 
 
 @kernel
-def set_goal(tool: Record, wish_p: Array, wish_q: Array) -> None:
+def set_goal(tool: Record, goal_p: Array, goal_q: Array) -> None:
     """Set the hand's goal; non-finite values and invalid quaternions leave the last one."""
     square = 0.0
     for i in range(4):
-        square += wish_q[i] * wish_q[i]
+        square += goal_q[i] * goal_q[i]
     if 0.0 < square < 1e12:  # false for NaN as well
         for i in range(4):
-            tool.goal_q[i] = wish_q[i] / np.sqrt(square)
-    if np.isfinite(wish_p[0] + wish_p[1] + wish_p[2]):
+            tool.goal_q[i] = goal_q[i] / np.sqrt(square)
+    if np.isfinite(goal_p[0] + goal_p[1] + goal_p[2]):
         for i in range(3):
-            tool.goal[i] = wish_p[i]
+            tool.goal[i] = goal_p[i]
 
 
 @kernel

@@ -294,7 +294,7 @@ class Scene(DynamicWorld):
         return memory, place, attitude
 
     @cached_property
-    def _wish(self) -> tuple[Array, Array, Array]:
+    def _goal(self) -> tuple[Array, Array, Array]:
         return np.zeros(3), np.eye(3), np.zeros(6)
 
     @cached_property
@@ -308,8 +308,8 @@ class Scene(DynamicWorld):
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:
         """(6,) wrench of the coupling on the mover [N, N·m], while the scene advances by `dt` [s]."""
-        one, pad, wish = memory[0], self._pad, self._wish
-        place, R, motion = wish
+        one, pad, goal = memory[0], self._pad, self._goal
+        place, R, motion = goal
         np.multiply(state.p, self.scale, out=place)
         np.multiply(state.v, self.scale, out=motion[:3])
         motion[3:] = state.w
@@ -322,7 +322,7 @@ class Scene(DynamicWorld):
         count, length = self._divide_tick(dt)
         pad.set_step(length, self._controls)
         time = advance_pace(one, count, dt)
-        wrench, energy = pad.advance(one, wish, self._couplings, time, dt)
+        wrench, energy = pad.advance(one, goal, self._couplings, time, dt)
         one["energy"] = energy
         if self.drawn:
             pad.fill_poses(one["place"], one["attitude"])

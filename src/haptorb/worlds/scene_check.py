@@ -75,13 +75,13 @@ class _SceneCheck:
             if depth + 10 * len(above) > _MAX_DEPTH:
                 raise InputError(f"scene {path}: elements are nested too deep")
             times = min(times * _repetitions(element), 10**12)
-            total += times * (1 + self._look(element, path, folders, above))
+            total += times * (1 + self._check_element(element, path, folders, above))
             if total > _ELEMENTS:
                 raise InputError(f"scene {path} makes {_round(total)} elements; at most {_ELEMENTS} are possible")
             waiting += [(child, times, depth + 1) for child in element]
         return total
 
-    def _look(self, element: Element, path: Path, folders: list[Path], above: tuple[Path, ...]) -> int:
+    def _check_element(self, element: Element, path: Path, folders: list[Path], above: tuple[Path, ...]) -> int:
         """Check the files that one element names; return the number of elements of an included file."""
         for name, most in (("texture", _PIXELS), ("hfield", _CELLS)):
             sides = ("width", "height") if name == "texture" else ("nrow", "ncol")

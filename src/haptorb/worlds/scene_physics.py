@@ -622,12 +622,12 @@ class SceneStepper:
         return found[0], found[1]
 
     def advance(
-        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+        self, one: Any, goal: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> tuple[Array, float]:
         """(6,) force and torque on the body in this tick of `dt` [s] [N, N·m], and the energy [J] of scene and coupling
         before it. The fields `state` and `waiting` of the record `one` are advanced.
 
-        wish    target of the body: position (3,) [m], orientation (3, 3), motion (6,) linear and angular
+        goal    target of the body: position (3,) [m], orientation (3, 3), motion (6,) linear and angular
 
         Raises SceneExplosion.
         """
@@ -639,18 +639,18 @@ class SceneStepper:
             take_over_step(one, self.compute_step(lasting, one["share"]))
         engine.mj_setState(model, data, lasting, self._kinds)
         if time.level == BACKGROUND:
-            energy = self._wait(one, wish, couplings, time, dt)
+            energy = self._wait(one, goal, couplings, time, dt)
         elif time.pace == 1.0:
-            energy = self._step(wish, couplings, time.steps)
+            energy = self._step(goal, couplings, time.steps)
         else:
-            energy = self._step_slowly(one, wish, couplings, time, dt)
+            energy = self._step_slowly(one, goal, couplings, time, dt)
         if time.steps:
             engine.mj_getState(model, data, lasting, self._kinds)
         if (time.steps or time.level == BACKGROUND) and not (np.abs(lasting).max() < _MAX_COORDINATE):
             raise SceneExplosion(self._explain())
         return self._total, energy
 
-    def _step(self, wish: tuple[Array, Array, Array], couplings: Records, steps: int) -> float:
+    def _step(self, goal: tuple[Array, Array, Array], couplings: Records, steps: int) -> float:
         """Take all `steps` of a tick at full pace, each with its own wrench of the coupling."""
         engine, model, data, total = self._engine, self._model, self._data, self._total
         total[:] = 0.0
@@ -658,7 +658,7 @@ class SceneStepper:
         for step in range(steps):
             self._pushed[:] = 0.0
             engine.mj_step1(model, data)
-            stretched, _ = self._couple(wish, couplings, 1.0, 1.0, 0.0)
+            stretched, _ = self._couple(goal, couplings, 1.0, 1.0, 0.0)
             if step == 0:
                 energy = stretched + float(data.energy[0]) + float(data.energy[1])
             self._push(self._wrench)
@@ -668,7 +668,7 @@ class SceneStepper:
         return energy
 
     def _step_slowly(
-        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+        self, one: Any, goal: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
         """A tick of slow time, with or without a step: a step applies the whole impulse since the last one, so that
         none of it is lost or counted twice."""
@@ -679,7 +679,7 @@ class SceneStepper:
             engine.mj_step1(model, data)
         else:
             self._find_motion()
-        energy = self._collect_impulse(one, wish, couplings, time, dt)
+        energy = self._collect_impulse(one, goal, couplings, time, dt)
         waiting: Array = one["waiting"]
         if time.steps:
             np.divide(waiting, time.steps * length, out=self._share)
@@ -693,12 +693,12 @@ class SceneStepper:
         return energy
 
     def _wait(
-        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+        self, one: Any, goal: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
         """A tick of slow time with its step computed in the background; the next one begins as soon as none is
         pending."""
         self._find_motion()
-        energy = self._collect_impulse(one, wish, couplings, time, dt)
+        energy = self._collect_impulse(one, goal, couplings, time, dt)
         if not one["pending"]:
             np.divide(one["waiting"], float(self._model.opt.timestep), out=self._share)
             one["share"], one["waiting"], one["pending"] = self._share, 0.0, 1.0
@@ -720,11 +720,11 @@ class SceneStepper:
         engine.mj_energyVel(model, data)
 
     def _collect_impulse(
-        self, one: Any, wish: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
+        self, one: Any, goal: tuple[Array, Array, Array], couplings: Records, time: ScenePace, dt: float
     ) -> float:
         """Present wrench of the coupling, and its impulse for the next step; energy of scene and coupling [J]."""
         length, data, waiting = float(self._model.opt.timestep), self._data, one["waiting"]
-        stretched, power = self._couple(wish, couplings, time.pace, time.passed * length / dt, time.ahead * length)
+        stretched, power = self._couple(goal, couplings, time.pace, time.passed * length / dt, time.ahead * length)
         fill_tank(one, stretched, power * dt)
         self._total[:] = self._wrench
         np.multiply(self._wrench, time.passed * length, out=self._share)
@@ -732,13 +732,13 @@ class SceneStepper:
         return stretched + float(data.energy[0]) + float(data.energy[1])
 
     def _couple(
-        self, wish: tuple[Array, Array, Array], couplings: Records, pace: float, flow: float, ahead: float
+        self, goal: tuple[Array, Array, Array], couplings: Records, pace: float, flow: float, ahead: float
     ) -> tuple[float, float]:
         """Compute the coupling's wrench on the body; return energy of the springs [J] and power of the dampers [W]."""
         engine, moving, now = self._engine, self._moving, self._time
         now["pace"], now["flow"], now["ahead"] = pace, flow, ahead
         engine.mj_objectVelocity(self._model, self._data, engine.mjtObj.mjOBJ_XBODY, self._body, moving, 0)
-        place, R, motion = wish
+        place, R, motion = goal
         energy, power = fill_coupling(
             couplings, place, R, motion, self._place, self._attitude, moving, now, self._wrench
         )

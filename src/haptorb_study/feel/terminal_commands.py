@@ -34,8 +34,8 @@ def execute_line(live: LiveSession, line: str) -> None:
             live.feel_next()
         case "a" | "b" as slot:
             live.feel_slot(slot)
-        case "hide" | "show" as wish:
-            live.set_blind(wish == "hide")
+        case "hide" | "show" as setting:
+            live.set_blind(setting == "hide")
         case "end":
             live.finish()
         case number if re.fullmatch("0|-?[1-9][0-9]{0,8}", number):
@@ -44,7 +44,7 @@ def execute_line(live: LiveSession, line: str) -> None:
             raise InputError(f"{quote(line)} is neither a score nor a command; nothing was stored. {HELP}")
 
 
-def read_lines(live: LiveSession, lines: Iterator[str], tell: Callable[[str], None]) -> None:
+def read_lines(live: LiveSession, lines: Iterator[str], notify: Callable[[str], None]) -> None:
     """Execute `lines` until the session or the input ends; a mistake is reported, and the next line read."""
     for line in lines:
         if live.finished:
@@ -52,7 +52,7 @@ def read_lines(live: LiveSession, lines: Iterator[str], tell: Callable[[str], No
         try:
             execute_line(live, line)
         except HaptorbError as mistake:
-            tell(str(mistake))
+            notify(str(mistake))
         if live.finished:
             return
 

@@ -12,7 +12,7 @@ from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.prompts import Prompt
 from haptorb_study.study_file import Study
 from haptorb_study.trial_device import TrialDevice
-from haptorb_study.trial_lists import ask_number
+from haptorb_study.trial_lists import numeric_prompt
 
 __all__ = ["describe_study", "experimenter_view", "list_places", "participant_view", "pen_view"]
 
@@ -144,7 +144,8 @@ def _task(study: Study, prompt: Prompt) -> dict[str, Any]:
     if prompt.high:
         few = prompt.high - prompt.low < _MAX_BUTTONS and not prompt.decimal
         return {
-            "kind": "rate", "ask": ask_number(study), "low": prompt.low, "high": prompt.high, "decimal": prompt.decimal,
+            "kind": "rate", "ask": numeric_prompt(study),
+            "low": prompt.low, "high": prompt.high, "decimal": prompt.decimal,
             "numbers": list(range(prompt.low, prompt.high + 1)) if few else [],
         }  # fmt: skip
     if prompt.wants_number:

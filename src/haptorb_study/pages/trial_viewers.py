@@ -38,8 +38,8 @@ class TrialViewers:
         self._changing = threading.Lock()
         self._closed = False
 
-    def open(self, part: str, tell: Callable[[str], None]) -> None:
-        """Start to play `part` (FILE#t=FROM,TO) unless it plays; a thread calls `tell` with a failure.
+    def open(self, part: str, report: Callable[[str], None]) -> None:
+        """Start to play `part` (FILE#t=FROM,TO) unless it plays; a thread calls `report` with a failure.
 
         Raises InputError if the file does not exist, or if the page has a public address: each viewer has a port of its
         own, to which that does not lead.
@@ -65,9 +65,9 @@ class TrialViewers:
                 os.setpriority(os.PRIO_PROCESS, process.pid, 10)
             self._running[part] = process
             self.urls = self.urls | {part: ""}
-        threading.Thread(target=self._listen, args=(part, process, tell), daemon=True).start()
+        threading.Thread(target=self._listen, args=(part, process, report), daemon=True).start()
 
-    def _listen(self, part: str, process: subprocess.Popen[bytes], tell: Callable[[str], None]) -> None:
+    def _listen(self, part: str, process: subprocess.Popen[bytes], report: Callable[[str], None]) -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         with process.stdout as answers, process.stderr as errors:
@@ -84,7 +84,7 @@ class TrialViewers:
                 del self._running[part]
                 self.urls = {one: url for one, url in self.urls.items() if one != part}
                 if not line:
-                    tell(f"the recording cannot be played: {mistake.strip()[-400:]}")
+                    report(f"the recording cannot be played: {mistake.strip()[-400:]}")
 
     def _end(self, part: str) -> None:
         process = self._running.pop(part)

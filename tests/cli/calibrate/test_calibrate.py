@@ -208,7 +208,7 @@ def test_heat_from_a_table(tmp_path):
 def test_the_angle_between_coils_is_told():
     said = []
     inner, pace = make_driver("sim", OMNI)
-    calibrate(OMNI, inner, pace=pace, say=said.append)
+    calibrate(OMNI, inner, pace=pace, notify=said.append)
     x, y = OMNI.moment_per_current[:, 0], OMNI.moment_per_current[:, 1]
     truth = np.degrees(np.arccos(x @ y / np.linalg.norm(x) / np.linalg.norm(y)))
     told = float(next(line for line in said if "x and y" in line).split(": ")[1].split("°")[0])

@@ -169,11 +169,11 @@ def test_who_stops_goes_on_later(tmp_path: Path) -> None:
         return step.name != "magnetic"
 
     bench = Bench()
-    assert through(bench, out, guide=Dialog(ask=until_magnetic)) is None
+    assert through(bench, out, guide=Dialog(prompt=until_magnetic)) is None
     assert asked == ["rest", "currents", "magnetic"]
     assert not out.exists()
     asked.clear()
-    assert through(Bench(), out, guide=Dialog(ask=lambda step: bool(asked.append(step.name) or True))) is not None
+    assert through(Bench(), out, guide=Dialog(prompt=lambda step: bool(asked.append(step.name) or True))) is not None
     assert asked == ["magnetic", "tool"]
 
 

@@ -87,7 +87,7 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
 def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
     played = PlaybackFeed(Rehearsal(OMNI, 0, 3))
     said: list[str] = []
-    found = register_frame(OMNI, played, ask=played.do, say=said.append, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
+    found = register_frame(OMNI, played, prompt=played.do, notify=said.append, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
     assert found is not None
     place, angle = measure_miss(found, played._rehearsal.tracker, OMNI)
     assert place < 0.3e-3
@@ -111,7 +111,7 @@ def test_what_waited_before_a_step_is_none_of_its_poses() -> None:
 def test_what_cannot_be_a_session_is_refused(spoil: object, error: type[Exception], told: str) -> None:
     played = PlaybackFeed(Rehearsal(OMNI, 0, 3), spoil)
     with pytest.raises(error, match=told):
-        register_frame(OMNI, played, ask=played.do, say=print, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
+        register_frame(OMNI, played, prompt=played.do, notify=print, bar=no_bar, pace=0.001)  # type: ignore[arg-type]
 
 
 def test_a_person_may_stop() -> None:
@@ -122,7 +122,7 @@ def test_a_person_may_stop() -> None:
         asked.append(stroke.name)
         return played.do(stroke) and stroke.name != "mark front"
 
-    assert register_frame(OMNI, played, ask=ask, say=print, bar=no_bar, pace=0.001) is None  # type: ignore[arg-type]
+    assert register_frame(OMNI, played, prompt=ask, notify=print, bar=no_bar, pace=0.001) is None  # type: ignore[arg-type]
     assert asked == ["dome", "mark front"]
 
 
@@ -159,7 +159,7 @@ def test_nobody_sends() -> None:
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         opened.callback(feed.close)
         with pytest.raises(DriverError, match=r"step 'dome': no pose arrived from the tracker \(nothing at all\)"):
-            register_frame(OMNI, feed, ask=lambda stroke: True, say=print, bar=no_bar, pace=0.003)  # type: ignore[arg-type]
+            register_frame(OMNI, feed, prompt=lambda stroke: True, notify=print, bar=no_bar, pace=0.003)  # type: ignore[arg-type]
 
 
 def test_a_rehearsal_is_on_this_computer() -> None:

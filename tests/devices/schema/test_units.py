@@ -22,7 +22,7 @@ WANTED = ("m", "rad", "kg", "s", "N", "N*m", "N/m", "N*s/m", "N*m/rad", "N*m*s/r
 
 
 def by_pint(number: float, unit: str, wanted: str) -> float:
-    return quantity._ask_pint(number, unit, wanted)
+    return quantity._convert_with_pint(number, unit, wanted)
 
 
 def values(raw: Any) -> list[str]:

@@ -82,11 +82,11 @@ def _find_lost_energy(device: SphericalElectromagnet, dt: float = 0.02, seconds:
 
 
 def _duty(device: SphericalElectromagnet, ampere: float) -> float:
-    """Duty of the x coil after the inductance has had its part: the second of two ticks with the same wish."""
+    """Duty of the x coil after the inductance has had its part: the second of two ticks with the same current."""
     drive = Drive(device)
-    wish, none = np.array([float(ampere), 0.0, 0.0]), np.zeros(3)
-    drive.duties(wish, none, none)
-    return float(drive.duties(wish, none, none)[0])
+    current, none = np.array([float(ampere), 0.0, 0.0]), np.zeros(3)
+    drive.duties(current, none, none)
+    return float(drive.duties(current, none, none)[0])
 
 
 def _calibrate(device: SphericalElectromagnet) -> Array:

@@ -149,14 +149,14 @@ class SimDriver(Driver):
             raise DriverError(f"the loop's clock must be finite; got {now}")
         stamp, valid, target = now, True, self._target
         if self.goal is not None:
-            wish = self.goal(now)
-            target[:3], target[3:] = wish.p, wish.q
+            goal = self.goal(now)
+            target[:3], target[3:] = goal.p, goal.q
             if self.simulation.gripper is not None:
-                self._grip = wish.grip
-            if wish.still:
+                self._grip = goal.grip
+            if goal.still:
                 target[:] = self._rest(now)
-            if wish.held:
-                stamp = min(wish.stamp, now)
+            if goal.held:
+                stamp = min(goal.stamp, now)
                 valid = stamp - stamp == 0.0
         if self._clock is None:
             if self.goal is not None:
