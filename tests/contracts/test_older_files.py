@@ -68,7 +68,7 @@ def test_a_recording_of_rows_with_two_contacts_and_a_coil_state_is_read_by_name(
 
 def test_a_calibration_that_took_coils_for_points_is_refused_for_coils_and_believed_in_its_recording() -> None:
     calibration, device = read_calibration(OLDER / "omni.calibration.json"), load(OLDER / "omni.toml", override=True)
-    with pytest.raises(CalibrationError, match=r"took each coil for a point.* % from those.*haptorb calibrate omni"):
+    with pytest.raises(CalibrationError, match=r"treated each coil as a point.* % from those.*haptorb calibrate omni"):
         calibration.apply(device)
     assert calibration.apply(device.with_recorded_models(("exact", "published"))).channels == 3
 

@@ -82,9 +82,9 @@ class Calibration:
     sensors             offset, gain and place of every field sensor; None where the steps were not taken
     coils               what the moments are of: "points", or coils at their true size, "windings"
     centres             (m, 3) from where each coil's field comes [m], and centre_uncertainty (m, 3) its standard
-                        deviations; None where they were not looked for
-    strength            of the tool's magnet, relative to the file's remanence, and its standard deviation; None where
-                        no load cell told it
+                        deviations; None where they were not estimated
+    strength            of the tool's magnet, relative to the file's remanence, and its standard deviation; None
+                        without load-cell readings
     """
 
     device: str
@@ -106,7 +106,7 @@ class Calibration:
     strength_uncertainty: float | None = None
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
-        """`device` with the measured values; CalibrationError if the calibration belongs to another device."""
+        """Return `device` with the measured values; CalibrationError if the calibration belongs to another device."""
         if device.digest != self.digest:
             raise CalibrationError(
                 f"the calibration belongs to device {quote(self.device)} with file {quote(self.digest[:12])}, not to "
@@ -117,7 +117,7 @@ class Calibration:
             sizes = np.linalg.norm(device.moment_per_current, axis=0)
             off = 100 * np.abs(np.linalg.norm(self.moment_per_current, axis=0) / sizes - 1).max()
             raise CalibrationError(
-                f"the calibration took each coil for a point, and the file of device '{device.name}' has [windings]: "
+                f"the calibration treated each coil as a point, but the file of device '{device.name}' has [windings]: "
                 f"its moments, up to {off:.0f} % from those of the file, do not hold for coils at their true size. "
                 f"Calibrate again with `haptorb calibrate {device.name}`, or drop windings in the device file"
             )
@@ -169,7 +169,7 @@ class Calibration:
 
     @classmethod
     def parse(cls, text: str, name: str) -> Calibration:
-        """Parse JSON; `name` is used in messages. CalibrationError if it is no calibration."""
+        """Parse JSON; `name` is used in messages. CalibrationError if it is not a calibration."""
         raw = parse_document(text, name, "calibration", FORMAT, _KEYS, "calibrate again", _OPTIONAL)
         moments = numbers(raw, "moment_per_current_m2", name, (3, None))
         channels = moments.shape[1]
@@ -262,14 +262,14 @@ _MAX_FILE_BYTES = 1024 * 1024  #: bytes
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read a calibration from a file; CalibrationError if it cannot be read or is none."""
+    """Read a calibration from a file; CalibrationError if it cannot be read or is not valid."""
     return Calibration.parse(
         read_text(path, "calibration", CalibrationError, _MAX_FILE_BYTES, FileKind.CALIBRATION), str(path)
     )
 
 
 def read_frame(path: str | Path) -> TrackerFrame:
-    """Read a tracker's frame from a file; CalibrationError if it cannot be read or is none."""
+    """Read a tracker's frame from a file; CalibrationError if it cannot be read or is not valid."""
     return TrackerFrame.parse(read_text(path, "frame", CalibrationError, _MAX_FILE_BYTES, FileKind.FRAME), str(path))
 
 

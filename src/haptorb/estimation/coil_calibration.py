@@ -2,9 +2,9 @@
 
 Excite each coil over a schedule of currents, read currents and fields, and regress: B_s = U_s M i + H_s i + b_s, with
 U_s the field of a unit moment at sensor s, and H_s what a coil of known size adds to its dipole's field. The
-off-diagonal terms of M are the coils' non-orthogonality; b_s takes up the earth, a resting tool and the sensors'
-offsets. Where the device file says how far windings may be off their places ([tolerance]), each coil's centre is found
-as well: the most likely places, given that sensors have the errors of the file.
+off-diagonal terms of M are the coils' non-orthogonality; b_s absorbs the earth's field, a resting tool and the sensors'
+offsets. If the device file states placement tolerances of the windings ([tolerance]), each coil's centre is estimated
+as well: the maximum a posteriori position, given the sensor errors of the file.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class MagneticCalibration:
     residual            rms of what the model leaves unexplained [T]
     condition           of the regression: how much worse the worst-determined combination is than the best
     repeatability       greatest relative difference between the results of the odd and the even readings
-    failed              sensors, from 0, that do not answer the coils at all: they are left out
+    failed              sensors, from 0, that do not respond to the coils; they are excluded
     centres             (m, 3) from where each coil's field comes [m], and centre_uncertainty (m, 3) its standard
-                        deviations; None where they were not looked for
+                        deviations; None where they were not estimated
     """
 
     moment_per_current: Array
@@ -83,7 +83,7 @@ class MagneticCalibration:
         }
 
     def apply(self, device: SphericalElectromagnet) -> SphericalElectromagnet:
-        """`device` with the measured moments in place of those of its file."""
+        """Return `device` with the measured moments in place of those of its file."""
         return replace(
             device, moment_per_current=self.moment_per_current, moments_from="calibration", coil_centres=self.centres
         )
@@ -164,10 +164,10 @@ def _regress(
 ) -> MagneticCalibration:
     """Least squares for M and the offsets: M = C⁻¹ D S⁻¹ from centred readings, in closed form for point coils.
 
-    centres: where [tolerance] says how far windings may be off, their places are found as well.
+    centres: whether the coils' centres are estimated as well, within [tolerance].
 
     `visible` (k, 3, 3) is what each sensor makes of a field. What the field of a coil of known size has beyond its
-    dipole's follows from the coil's moment, and is taken off the readings in rounds.
+    dipole's follows from the coil's moment, and is subtracted from the readings iteratively.
     """
     at = device.hall.positions
     U = visible @ point_field(at)  # (k, 3, 3)
@@ -308,7 +308,7 @@ def _find_centres(
 def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:
     """Sensors, from 0, whose readings (n, k, 3) [T] do not respond while `currents` (n, m) [A] flow.
 
-    Raises CalibrationError that names them where they are more than a quarter: then it is not the sensors.
+    Raises CalibrationError that names them if they are more than a quarter: then the cause is elsewhere.
     """
     at, x = device.hall.positions, currents - currents.mean(axis=0)
     swing = fields - fields.mean(axis=0)
@@ -328,7 +328,7 @@ def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) 
 def check_conduction(device: SphericalElectromagnet, wanted: Array, measured: Array) -> None:
     """Check that each coil carries its current in both directions, and no other: `wanted`, `measured` (n, m) [A].
 
-    Raises CalibrationError as `check_switching` does, InputError for a coil that was never asked to carry a current.
+    Raises CalibrationError as `check_switching` does, InputError for a coil that was never commanded a current.
     """
     full = np.abs(wanted).max(axis=0)
     if not full.all():
@@ -428,7 +428,7 @@ def thermal_identification(
     """Fit two nodes to a record: times `t` (n,) [s], `power` (n,) [W] from each time to the next, temperatures [K].
 
     `winding` may hold NaN where no current flowed and its resistance could not be measured. Raises CalibrationError if
-    the record is too short, or heats too little, to determine all four values; InputError if it is no record.
+    the record is too short, or heats too little, to determine all four values; InputError for an invalid record.
     """
     times, load = check_finite(t, "t"), check_finite(power, "power")
     body = check_finite(boundary, "boundary temperatures")
@@ -547,7 +547,7 @@ class NetworkIdentification:
 def network_identification(record: HeatRecord, names: Sequence[str], guess: Heat) -> NetworkIdentification:
     """Fit windings, bodies and a core to `record`; `names` (m,) of the coils are for messages, `guess` is the start.
 
-    Raises InputError if it is no record, CalibrationError if a coil is never driven alone or always on, or if the
+    Raises InputError for an invalid record, CalibrationError if a coil is never driven alone or always on, or if the
     record is too short, or heats too little, to determine every value.
     """
     _check_record(record, len(names))
@@ -564,7 +564,7 @@ def coil_identification(record: HeatRecord, guess: Heat) -> NetworkIdentificatio
     """Fit the coils' four values to `record` with the couplings of `guess` fixed.
 
     For a record of one coil that was driven: what was not measured of the others is NaN. Raises CalibrationError if it
-    does not determine all four; InputError if it is no record, or `guess` has no couplings.
+    does not determine all four; InputError for an invalid record, or if `guess` has no couplings.
     """
     coupling = guess.coupling
     if coupling is None:

@@ -1,12 +1,12 @@
 """Pose of a magnet from the field sensors: Gauss–Newton, damped by Levenberg's method.
 
 Five unknowns: three of the place, two turns across the axis. A step solves (N + λ diag N) δ = Jᵀ r, so that metres and
-radians need no common scale; a step that makes the misfit greater is taken back and λ raised.
+radians need no common scale; a step that increases the misfit is reverted and λ increased.
 
-What is not known about the electromagnet's own moment (noise of the measured currents, errors of the calibration) is
-one error in all readings together: their covariance is σ² 1 + U S Uᵀ, U (3k, 3) the field of unit moments at the
+The uncertainty of the electromagnet's own moment (noise of the measured currents, errors of the calibration) is an
+error common to all readings: their covariance is σ² 1 + U S Uᵀ, U (3k, 3) the field of unit moments at the
 sensors. Its inverse, by Woodbury, is (1 − U G Uᵀ)/σ² with G = (σ² S⁻¹ + UᵀU)⁻¹: three numbers Uᵀr and three rows UᵀJ
-are all that weighting by it adds, like three more unknowns, the moment, with prior knowledge.
+are the whole additional cost, equivalent to three more unknowns (the moment) with a prior.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def unpack_model(model: Array) -> TrackerModel:
 def coil_field(device: SphericalElectromagnet) -> Array:
     """(k, 3, m) [T/A] field per ampere of each coil at each sensor, with the core's response.
 
-    As the sensors of `device` tell it, where a calibration measured it.
+    Measured by the sensors of `device`, if a calibration contains it.
     """
     correction = device.hall.correction
     if correction is not None:
@@ -278,7 +278,7 @@ def weigh_moment(t: Record, columns: Array, currents: Array, lagged: Array, shar
 def _normal(t: Record, sensors: Records, B: Array, J: Array, gradient: Array) -> float:
     """Covariance of t = N = Jᵀ W J and gradient = Jᵀ W r with W = 1 − U G Uᵀ; returns the weighted misfit [T²].
 
-    A reading of a certain age [s] saw the tool where it was then: r = field − (B − age J rates).
+    A reading with an age [s] belongs to the pose at that time: r = field − (B − age J rates).
     """
     N, G, rates = t.covariance, t.weight, t.rates
     N[:] = 0.0
@@ -326,8 +326,8 @@ def fit_tool(
 ) -> tuple[bool, float]:
     """Improve p (3,) [m] and R (3, 3) in place until a step is below `near` [m] and `turn` [rad].
 
-    The fields of `sensors`, (k,) SENSOR, are explained, with the weight of the tracker t (zeros for plain least
-    squares) and with its rates since those were read; at most `most` evaluations. Its covariance becomes (JᵀWJ)⁻¹, per
+    Fits the fields of `sensors`, (k,) SENSOR, with the weight of the tracker t (zeros for plain least squares) and
+    its rates since those were read; at most `most` evaluations. Its covariance becomes (JᵀWJ)⁻¹, per
     T² of the readings' own variance. Returns (converged, misfit [T²] as the last step predicts it).
     """
     places, covariance = sensors.size, t.covariance
@@ -415,7 +415,7 @@ def position_accuracy(
     device's where none is given; calibration: standard deviation of each entry of the 3 × m moment map, as a share of
     its column.
 
-    Raises InputError for other shapes, and where nothing is noisy.
+    Raises InputError for other shapes, and if noise and calibration error are both zero.
 
     >>> from haptorb.devices.loader import load
     >>> deviation = position_accuracy(load("omni"), [(0.0, 0.0, 0.05)])[0]
@@ -455,7 +455,7 @@ def position_accuracy(
 
 
 def with_sensors(device: SphericalElectromagnet, positions: ArrayLike) -> SphericalElectromagnet:
-    """`device` with its field sensors at `positions` (k, 3) [m]: for a study.
+    """Return `device` with its field sensors at `positions` (k, 3) [m], for a parameter study.
 
     Raises InputError for fewer than two, or one inside the core.
     """
@@ -469,9 +469,9 @@ def better_sensors(device: SphericalElectromagnet) -> Array:
     """(9, 3) [m] improved placement: two level rings at the dome's equator, clear of the pen.
 
     Four sensors 4 mm off the dome, five at twice its radius, all 3 mm above the centre: as high as a pen that leans
-    outwards at the workspace's edge allows. The near ring is close to the tool, the far one sees it from another side;
+    outwards at the workspace's edge allows. The near ring is close to the tool, the far one adds another direction;
     the assumed places waste five of nine sensors on the half that is away from the tool. Under the dome's skin it would
-    be twice as good again; but there the coils' field is no dipole's, and exceeds a Hall sensor's range of 40 mT.
+    be twice as good again; but there the coils' field is not a dipole's, and exceeds a Hall sensor's range of 40 mT.
 
     >>> from haptorb.devices.loader import load
     >>> (1e3 * better_sensors(load("omni"))[4]).tolist()

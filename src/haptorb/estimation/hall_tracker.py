@@ -1,18 +1,18 @@
-"""Pose tracking with the field sensors alone, while the coils are driven: `--tracker hall`.
+"""Pose tracking by the field sensors alone, while the coils are driven: `--tracker hall`.
 
-What coils and core do per ampere is known (calibrated), the measured currents give it, and it is subtracted; what is
-left is the tool's magnet and the core's answer to it. Place and axis that explain it best are the estimate; the turn
-about the axis leaves no trace in the field of a round magnet and is taken as zero.
+The field of coils and core follows from the measured currents and the calibration, and is subtracted; the remainder is
+the field of the tool's magnet and the core's response to it. The estimate is the position and axis that fit it best;
+the rotation about the axis is not observable with an axisymmetric magnet and is taken as zero.
 
-What is measured in every tick goes through an α–β filter: 100 Hz (−3 dB) at any rate of the
-loop, the place not late at steady velocity, the velocity 7 ms late.
+The measured pose is filtered by an α–β filter: 100 Hz (−3 dB) at any loop rate, no lag of the position at constant
+velocity, 7 ms lag of the velocity.
 
-Where a driver reads the sensors in turns, what it did not read in a tick is NaN. The last reading of each stands in,
-less the coils' field at the time when it was taken (`CurrentHistory`), and is held against where the tool was
-then, by its velocity.
+If a driver reads the sensors in turn, those not read in a tick are NaN. The last reading of each is used instead, minus
+the coils' field at its time of measurement (`CurrentHistory`), and compared with the tool's pose at that time, by its
+velocity.
 
-A tick whose readings are consistent but contain too little is skipped: for 10 ms the tool's pose is extrapolated to
-where it should be by then, and the estimate says how old what was seen of it is.
+A tick whose readings are consistent but not informative enough is skipped: for up to 10 ms the tool's pose is
+extrapolated, and the estimate's age grows.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ FILTER = fields(
 def memory(turn: float) -> float:
     """Pole θ of the filter with a gain of −3 dB at the frequency at which a signal turns by `turn` [rad] per tick.
 
-    0, no filter at all, from half a turn on: such a signal is faster than the ticks can tell.
+    0 (no filter) above half a turn: such a signal is above the Nyquist frequency.
 
     >>> round(memory(2 * math.pi * 0.1), 3), memory(math.pi), round(memory(1e-3) / math.exp(-1e-3 / 2.482), 6)
     (0.764, 0.0, 1.0)
@@ -547,10 +547,10 @@ _RECENT_CHANGE_S = 0.01  #: time after a change of the currents during which rea
 class CurrentHistory(Stateful):
     """Pairs each field with the currents (m,) [A] at its time of measurement.
 
-    field     (k, 3) [T] that the last `take` has ended the waiting of; NaN where there is none
+    field     (k, 3) [T] emitted by the last `take`; NaN where there is none
     taken     when that was read [s]
     currents  (m,) [A] at that time
-    doubt     (m,) [A] what these, and those of the readings of the last 10 ms, may be wrong by
+    doubt     (m,) [A] uncertainty of these, and of those of the readings of the last 10 ms
     """
 
     def __init__(self, channels: int, sensors: int) -> None:
@@ -633,10 +633,10 @@ class HallTracker(Estimator):
     offsets    (k, 3) [T] of the sensors at zero current without a tool, as calibration found them
     bandwidth  of place and axis [Hz]
 
-    `verdict` says why an estimate is not valid: "lost", "reversed" (the tool's magnet is the wrong way round: forces
-    would invert), or "" where it is.
+    `verdict` states why an estimate is not valid: "lost", "reversed" (the tool's magnet is reversed: forces would
+    invert), or "" if it is valid.
 
-    Raises InputError for a device without such sensors, a bandwidth or offsets that cannot be.
+    Raises InputError for a device without such sensors, and for an invalid bandwidth or offsets.
 
     >>> from haptorb.devices.loader import load
     >>> HallTracker(load("omni")).verdict
@@ -736,7 +736,7 @@ class HallTracker(Estimator):
         return float(self._tracker["residual"][0])
 
     def update(self, sample: Sample) -> Estimate:
-        """Estimate after `sample`. Raises InputError for readings of other sensors than the device's."""
+        """Return the estimate after `sample`. Raises InputError if the number of sensors is not the device's."""
         read = np.ascontiguousarray(sample.field)
         if read.shape != self._shape:
             raise InputError(

@@ -1,9 +1,9 @@
 """Calibration with a load cell: moments per ampere, centres of the coils, strength of the magnet.
 
 The tool is fixed to the cell, anywhere in its workspace, while currents flow; each row of the table has its pose, the
-currents, and the force and torque on it. The most likely values follow by least squares from these and from what was
-known before: from the field sensors' calibration, and from the tolerances of the device file. What a wrong place of the
-core does to its pull is allowed for, and a constant wrench of the cell (its zero, the tool's weight) is taken off.
+currents, and the force and torque on it. The most likely values follow by least squares from these and from the prior:
+the field sensors' calibration, and the tolerances of the device file. The fit includes the effect of a misplaced core
+on its pull, and a constant wrench of the cell (its zero, the tool's weight).
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def list_columns(device: SphericalElectromagnet) -> tuple[str, ...]:
 
 
 def read_loads(path: str | Path, device: SphericalElectromagnet) -> LoadRecord:
-    """Read the table from a file; CalibrationError with the line where it is invalid, or with what is missing."""
+    """Read the table from a file; CalibrationError with the invalid line or the missing column."""
     columns, place = list_columns(device), Path(path).expanduser()
     text = read_text(place, "table of loads", CalibrationError, _MOST_BYTES, FileKind.TABLE)
     try:
@@ -165,10 +165,10 @@ class _Unknown:
 def calibrate_by_loads(
     device: SphericalElectromagnet, known: Calibration, record: LoadRecord
 ) -> tuple[Calibration, Array]:
-    """`known` improved by the loads, and (2,) the rms residuals [N, N·m].
+    """Update `known` by the loads; also returns (2,) the rms residuals [N, N·m].
 
-    Gauss–Newton about the last values, each reading's noise as great as what is left (Bayesian least squares with the
-    standard deviations of `known` and of the file). CalibrationError where forces are not those of such a device.
+    Gauss–Newton, with the residual as each reading's noise (Bayesian least squares with the standard deviations of
+    `known` and of the file). CalibrationError if the forces do not fit the device.
     """
     believed, tolerance = known.apply(device), device.tolerance
     channels, sizes = device.channels, np.linalg.norm(known.moment_per_current, axis=0)

@@ -1,4 +1,4 @@
-"""Orientation by least squares over the field tables, with the torque characteristic there: `least-squares`."""
+"""Orientation by least squares over the field tables, with the torque per ampere at it: `least-squares`."""
 
 from __future__ import annotations
 
@@ -267,8 +267,8 @@ def fit_orientation(
     """Improve rotation and strength of `fit`, a FIT, until a step is below `tolerance` [rad], at most `most` steps.
 
     field (k, 3) [T] of the magnets alone, usable (k,) 1.0 or 0.0, `count` of them; trusted (k,) is usable less the
-    outliers, in and out; slopes (k, 3, 3) [T/rad] are the derivatives where `fit` has taken them, in and out. The
-    strength is changed where it converges only. Returns (converged, residual rms [T], number of outliers).
+    outliers, in and out; slopes (k, 3, 3) [T/rad] are the derivatives at the linearisation point of `fit`, in and out.
+    The strength is changed only on convergence. Returns (converged, residual rms [T], number of outliers).
     """
     R, taken, covariance, strength = fit.rotation, fit.taken, fit.covariance, fit.strength
     places = field.shape[0]
@@ -331,9 +331,9 @@ def fit_orientation(
 
 
 def reading_limit(motor: SphericalMotor, orientations: Array, field: Array) -> float:
-    """Magnitude [T] above which a sensor is broken: 1.5 times the maximum of magnets and coils.
+    """Magnitude [T] above which a sensor is faulty: 1.5 times the maximum of magnets and coils.
 
-    Over orientations (n, 3, 3), whose field (n, k, 3) [T] is given. Raises InputError where there are none.
+    Over orientations (n, 3, 3), whose field (n, k, 3) [T] is given. Raises InputError if there are none.
     """
     if not len(orientations):
         raise InputError("the field's range needs at least one orientation; got none")
@@ -346,8 +346,8 @@ def reading_limit(motor: SphericalMotor, orientations: Array, field: Array) -> f
 def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float, out: Array, usable: Array) -> int:
     """out (k, 3) [T] = field minus the coils' part; usable (k,) 1.0 or 0.0; returns the number of usable sensors.
 
-    Not usable is what is not finite and what is longer than `limit` [T]; it becomes zero in `out`. A reading of zero
-    may be true: between four magnets of a checkerboard there is no field.
+    A reading that is not finite or exceeds `limit` [T] is not usable and becomes zero in `out`. A reading of zero may
+    be true: between four magnets of a checkerboard there is no field.
     """
     read, rest = field.reshape(-1), out.reshape(-1)
     for r in range(rest.shape[0]):
@@ -377,7 +377,7 @@ def magnet_field(field: Array, currents: Array, per_ampere: Array, limit: float,
 def spin_period(motor: SphericalMotor) -> float:
     """Smallest rotation about the rotor's own z axis that maps the magnets onto themselves [rad]; 0 if there is none.
 
-    Orientations that differ by it give the same field everywhere: no sensor can tell them apart.
+    Orientations that differ by it have the same field everywhere: they are indistinguishable to field sensors.
 
     >>> import haptorb
     >>> float(np.degrees(spin_period(haptorb.load("pmsm"))).round(9))
@@ -495,7 +495,7 @@ def _try_node(
 def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, out: Array) -> None:
     """out (n,) cosine between the readings and every node's field, over the usable sensors.
 
-    A reading longer than any the rotor can give is shortened to that: one broken sensor must not outvote the others.
+    A reading is clipped to the maximum field of the rotor, so that one faulty sensor does not dominate.
     """
     places = field.shape[0]
     read, weight = np.empty(3 * places), np.empty(3 * places)
@@ -521,7 +521,7 @@ _MAX_SAMPLE_GAP_S = 0.05  #: gap without a sample [s] after which the angular ve
 
 #: State of tracking between two ticks, with its settings.
 TRACK = fields(
-    ("limit", "f8"),  # reading above which a sensor is broken [T]
+    ("limit", "f8"),  # reading above which a sensor is faulty [T]
     ("memory", "f8"),  # time constant of the filter [s]
     ("dt", "f8"),  # since the last orientation [s]; 0: the filter restarts
     ("rotation", "f8", (3, 3)),  # R as filtered
@@ -533,17 +533,17 @@ TRACK = fields(
 class LeastSquaresOrientation(Estimator):
     """Gauss–Newton on the rotations, from the last orientation; from a grid where there is none.
 
-    motor           whose tables explain the readings
+    motor           device with the field tables
     start           R_SR (3, 3) near which the spin is taken at first; the field leaves `spin_period` open (60° here)
-    lag             by which the angular velocity is late [s]; the orientation is not late
+    lag             of the angular velocity [s]; the orientation has none
 
-    field, usable and trusted are what the last update made of its readings: (k, 3) of the magnets alone [T], and (k,)
-    1.0 for every sensor that is usable and fits the orientation, else 0.0.
+    field, usable and trusted are results of the last update: (k, 3) of the magnets alone [T], and (k,) 1.0 for every
+    sensor that is usable and fits the orientation, else 0.0.
 
     The estimate's `strength` is that of the rotor's magnets against the device file: the torque per ampere follows it.
-    It is not valid while too few sensors are usable, or none of the orientations explains their readings.
+    It is not valid while too few sensors are usable, or no orientation fits their readings.
 
-    Raises InputError for a lag outside 0 to 1 s, or a start that is no rotation.
+    Raises InputError for a lag outside 0 to 1 s, or a start that is not a rotation.
     """
 
     state_kind = "least-squares"
@@ -622,9 +622,9 @@ class LeastSquaresOrientation(Estimator):
         return "table"
 
     def update(self, sample: Sample) -> Estimate:
-        """Estimate after `sample`; its `pose` is ignored.
+        """Return the estimate after `sample`; its `pose` is ignored.
 
-        Raises InputError for readings of other sensors than the device's.
+        Raises InputError if the number of sensors is not the device's.
         """
         if sample.field.shape != self.field.shape:
             raise InputError(

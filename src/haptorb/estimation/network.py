@@ -1,8 +1,8 @@
 """Torque per ampere from small neural networks over each coil's own sensors: the `network` estimator, Bai 2012 §2.3.
 
-One network serves all coils whose sensors lie alike around them. Each has one hidden layer; its inputs are what the
-sensors within 35° of the coil read, in the coil's own frame, its outputs the two components of K across the coil's
-axis.
+Coils with the same arrangement of sensors around them share one network. Each network has one hidden layer; its inputs
+are the readings of the sensors within 35° of the coil, in the coil's own frame, its outputs the two components of K
+perpendicular to the coil's axis.
 """
 
 from __future__ import annotations
@@ -239,7 +239,7 @@ def fit_weights(
     """(hidden, output, course): weights after at most `iterations` steps from the given ones, and the rms of each step.
 
     x (samples, n), y (samples, m), hidden (h, n + 1), output (m, h + 1) as in `Perceptron`, all standardised. A step
-    that makes the error greater is not taken; the damping grows until one helps.
+    that increases the error is rejected; the damping grows until one is accepted.
     """
     ones = np.ones((len(x), 1))
     x1 = np.concatenate([x, ones], axis=1)
@@ -362,7 +362,7 @@ def neighbourhoods(motor: SphericalMotor, reach: float = REACH) -> tuple[Neighbo
         if near.size == 0:
             raise InputError(
                 f"device '{motor.name}': electromagnet {coil + 1} has no sensor within {np.degrees(reach):g}° of its "
-                "axis: a network cannot know its torque"
+                "axis: its torque cannot be estimated"
             )
         for turn in (np.eye(3), _HALF_TURN):
             own = frame @ turn
@@ -445,7 +445,7 @@ def workspace_grid(motor: SphericalMotor, counts: tuple[int, int, int] = GRID) -
     """(n, 3, 3) R_SR over |ψ|, |λ| ≤ the workspace's tilt and one period of spin.
 
     Spin repeats with the magnets' period (60°): 72 values around the circle are 12 different ones. Here they are spread
-    over one period, so that each orientation teaches something.
+    over one period, so that every orientation adds information.
 
     Raises InputError for a count below one. Rotations have no unit: [1].
 
@@ -484,14 +484,14 @@ class TorqueMap(ABC):
 class FieldToTorque(Estimator):
     """Torque per ampere by `torque_map`; orientation by least squares in parallel, or reported as not estimated.
 
-    motor         the device whose sensors are read
+    motor         device with the sensors
     torque_map    `NetworkTorque` or `LinearTorque`
-    orientation   finds the orientation, and the sensors that do not fit it; None: none, the state is NaN and the
-                  estimate is not `oriented`, and only readings that cannot be are noticed
+    orientation   estimates the orientation, and rejects sensors that do not fit it; None: the state is NaN, the
+                  estimate is not `oriented`, and only implausible readings are rejected
 
-    A channel one of whose coils is not known gets no torque per ampere, so that no current is put into it; with fewer
-    than half of the channels, or fewer than three, the estimate is not valid. A map cannot tell when it is wrong: with
-    an orientation beyond the workspace that it learnt, it is not valid.
+    A channel with an undetermined coil has zero torque per ampere, so that it receives no current; with fewer than half
+    of the channels, or fewer than three, the estimate is not valid. A map does not detect its own errors: outside the
+    workspace on which it was trained, the estimate is not valid.
     """
 
     state_kind = "torque-map"
@@ -537,9 +537,9 @@ class FieldToTorque(Estimator):
         self._t = self._numbers[1][0]
 
     def update(self, sample: Sample) -> Estimate:
-        """Estimate after `sample`; its `pose` is ignored.
+        """Return the estimate after `sample`; its `pose` is ignored.
 
-        Raises InputError for readings of other sensors than the device's.
+        Raises InputError if the number of sensors is not the device's.
         """
         motor = self._motor
         if sample.field.shape != self._field.shape:
@@ -635,8 +635,9 @@ def train(
 ) -> TrainedNetworks:
     """Train networks for all coils of `motor`, from its own tables over the workspace's `grid` of (ψ, λ, φ).
 
-    Every orientation is seen by one coil of each neighbourhood in turn: 16 200 samples for each network by default.
-    `report` is called with the share that is done. Raises InputError for a grid that cannot determine the weights.
+    Each orientation is a sample for one coil of each neighbourhood, in turn: 16 200 samples for each network by
+    default. `report` is called with the completed fraction. Raises InputError for a grid that cannot determine the
+    weights.
     """
     R = workspace_grid(motor, grid)
     if len(R) < 2 * len(motor.electromagnets):
@@ -678,7 +679,7 @@ def train(
 class NetworkTorque(TorqueMap):
     """All networks of a device in one kernel: scalings are multiplied into the weights beforehand.
 
-    A coil with an unusable sensor is unknown: a network cannot do without an input.
+    A coil with an unusable sensor is undetermined: a network needs all inputs.
     """
 
     def __init__(self, motor: SphericalMotor, networks: TrainedNetworks) -> None:
@@ -779,11 +780,11 @@ _MAX_MISSING_SHARE = 0.25  #: maximum share of the sensors that may be replaced 
 class LinearTorque(TorqueMap):
     """Replace an unusable sensor by its most likely value given the others, by the same least squares.
 
-    motor          whose tables teach the map
+    motor          device with the field tables
     noise          of one reading [T]; the device's own if not given
-    orientations   (n, 3, 3) to learn from; the workspace's grid if not given
+    orientations   (n, 3, 3) training set; the workspace's grid if not given
 
-    Raises InputError for a noise that cannot be, and for readings that teach nothing.
+    Raises InputError for an invalid noise, and for readings without variation.
     """
 
     def __init__(self, motor: SphericalMotor, *, noise: float | None = None, orientations: Array | None = None) -> None:

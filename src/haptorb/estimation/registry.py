@@ -86,10 +86,10 @@ FIELD_ESTIMATORS: dict[str, Callable[[SphericalMotor, TrainedNetworks | None], E
 def field_estimator(name: str, motor: SphericalMotor, networks: Path | None = None) -> Estimator:
     """Create the estimator `name` of FIELD_ESTIMATORS for the loop; each of them also estimates the orientation.
 
-    `network` and `linear` find only the torque per ampere themselves; the orientation, which every world needs, comes
-    from least squares beside them. `networks` names a network file; the device's own from `haptorb train` if not given.
+    `network` and `linear` estimate only the torque per ampere; the orientation, which every world needs, is estimated
+    by least squares in parallel. `networks` names a network file; the device's own from `haptorb train` if not given.
 
-    Raises UnknownName for another.
+    Raises UnknownName for any other name.
 
     >>> import haptorb
     >>> type(field_estimator("least-squares", haptorb.load("pmsm"))).__name__
@@ -117,10 +117,10 @@ def _choice(name: str) -> EstimatorChoice:
 
 
 def check_estimator(device: Device, name: str | None) -> str:
-    """`name` if it exists, or the default of `device` for None.
+    """Return `name` if it exists, or the default of `device` for None.
 
-    Raises UnknownName for an estimator that it cannot have, InputError for one that it cannot have yet, such as
-    networks before their training.
+    Raises UnknownName for an estimator that does not exist for the device, InputError for one that is not ready, such
+    as networks before their training.
     """
     known = list_estimators(device)
     if name is None:
@@ -143,7 +143,7 @@ def make_estimator(
     """Create the estimator `name` of `device`, by its `model`; `offsets` (k, 3) [T] of its field sensors, if known.
 
     in_turns: the driver reads a part of the field sensors in each tick. learned: as `read_learned` returns it, instead
-    of what this computer has. Raises UnknownName for an estimator that it cannot have.
+    of what this computer has. Raises UnknownName for an estimator that does not exist for the device.
     """
     choice = _find(device, list_estimators(device), name)
     return choice.make(device, EstimatorSettings(model, offsets, in_turns, learned))

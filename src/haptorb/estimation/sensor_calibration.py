@@ -66,11 +66,11 @@ class SensorCalibration:
 
     positions   (k, 3) [m]; those of sensors that failed are the device file's
     correction  offset, gain, and reading per ampere of each
-    place       rms lasting error of the tool's place over the shell that is left [m]
-    axis        the same of its axis [rad]
+    place       remaining rms constant error of the tool's position over the shell [m]
+    axis        the same for its axis [rad]
     strength    of the tool's magnet, relative to the device file
     residual    of the fit, in standard deviations of a reading
-    unobserved  what only the device file says, in words
+    unobserved  quantities known only from the device file, in words
     """
 
     positions: Array
@@ -109,7 +109,7 @@ class SensorCalibration:
 
     @classmethod
     def parse(cls, raw: Any, name: str, sensors: int, channels: int) -> SensorCalibration:
-        """Parse the result of `numbers`, of so many sensors and channels; CalibrationError, under `name`, if it is
+        """Parse the result of `numbers`, for that many sensors and channels; CalibrationError, under `name`, if it is
         invalid."""
         scalars = ("uncertainty_t", "place_m", "axis_rad", "strength", "residual")
         wanted = {*_KEYS, *scalars, "unobserved"}
@@ -154,7 +154,7 @@ _STEP_M = 5e-5  #: step of a difference quotient [m]
 
 
 def tool_readings(model: ToolModel, p: Array, R: Array) -> tuple[Array, Array, Array]:
-    """B (k, 3) [T] of the tool at p (3,) [m] and R (3, 3) with the core's answer; J (k, 3, 5) as `tool_field`; and
+    """B (k, 3) [T] of the tool at p (3,) [m] and R (3, 3) with the core's response; J (k, 3, 5) as `tool_field`; and
     ∂B/∂x (k, 3, 3) [T/m] by each sensor's place x."""
     k = len(model.sensors)
     B, J = np.empty((k, 3)), np.empty((k, 3, 5))
@@ -253,9 +253,9 @@ _DIRECTIONS, _HIGHEST = 24, 0.3  #: directions in which a steel ball is placed; 
 
 
 def without_errors(device: SphericalElectromagnet) -> SphericalElectromagnet:
-    """`device` with sensors that have noise and quantisation only, and a core without lag: for a study.
+    """Return `device` with sensors that have noise and quantisation only, and a core without lag, for a study.
 
-    Simulated, it is built as its file says.
+    In simulation, it is built exactly as in its file.
 
     >>> from haptorb.devices.loader import load
     >>> without_errors(load("omni")).hall.errors.offset
@@ -492,7 +492,7 @@ class SensorFit:
     strength    of the tool's magnet, relative to the device file
     residual    rms of the whitened residuals per degree of freedom: about 1 where the model explains the readings
     by_sensor   (k,) the same of each sensor
-    places      (n, 3) [m] and axes (n, 3): where the tool was
+    places      (n, 3) [m] and axes (n, 3) of the tool
     """
 
     theta: Array
@@ -509,7 +509,7 @@ def fit_sensors(
 ) -> SensorFit:
     """Estimate the errors of the sensors `used` (k,) of `device` from their readings of the coils and of the tool.
 
-    Errors of the others stay zero. Raises CalibrationError where no errors of a likely size explain the readings.
+    Errors of the others stay zero. Raises CalibrationError if no plausible errors fit the readings.
     """
     return _Bundle(device, coils, tour, used).solve()
 
@@ -786,8 +786,8 @@ _MAX_POSITION_ERROR_M = 1e-3  #: limit on the rms position error from constant e
 def calibrate_sensors(device: SphericalElectromagnet, coils: CoilReadings, tour: ToolTour) -> SensorCalibration:
     """Offset, gain and position of every sensor of `device` from its readings of the coils and of a moved tool.
 
-    A sensor that follows neither coils nor tool has failed: it is left out. Raises CalibrationError, saying what to do,
-    for a tool that was not moved enough, for too many sensors that fail, and where nothing explains the readings.
+    A sensor that responds neither to the coils nor to the tool has failed and is excluded. Raises CalibrationError with
+    the remedy if the tool was not moved enough, if too many sensors fail, or if the model does not fit the readings.
     """
     check_tour(device, tour)
     chosen = choose_readings(tour, _MAX_FIT_READINGS)
@@ -927,7 +927,7 @@ def predict_coils(device: SphericalElectromagnet) -> CoilReadings:
 
 
 def predict_knowledge(device: SphericalElectromagnet, readings: int = 360) -> SensorKnowledge:
-    """Predicted covariance of the sensors' errors after the steps `fields` and `sensors`, with so many readings."""
+    """Predicted covariance of the sensors' errors after the steps `fields` and `sensors` with `readings` readings."""
     coils = predict_coils(device)
     covariance = predict_covariance(device, coils, spread_tour(device, readings))
     per_reading: Array = np.broadcast_to(coils.deviation, (3 * device.sensors, device.channels))

@@ -1,6 +1,6 @@
 """Registration of a tracker's frame: versioned JSON text, fit from touched points, and checks of their poses.
 
-Every check raises CalibrationError with what was found, where, and what to do.
+Every check raises CalibrationError with finding, location and remedy.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ _NORM_TOLERANCE = 0.1  #: tolerance of a quaternion's norm
 class Touches:
     """Poses of the rigid body.
 
-    p  (n, 3) where its origin was, tracker frame [m]
-    q  (n, 4) unit quaternions (x, y, z, w) that turn the body's vectors into the tracker's
+    p  (n, 3) its origin, tracker frame [m]
+    q  (n, 4) unit quaternions (x, y, z, w) that rotate the body's vectors into the tracker's frame
     """
 
     p: Array
@@ -74,7 +74,7 @@ class Touches:
     def of(cls, p: ArrayLike, q: ArrayLike, what: str) -> Touches:
         """Create from arrays, with normalised quaternions.
 
-        Raises InputError for other shapes or what is not finite, CalibrationError for what is no rotation.
+        Raises InputError for other shapes or non-finite values, CalibrationError for invalid quaternions.
         """
         places, turns = check_finite(p, f"{what}: positions"), check_finite(q, f"{what}: quaternions")
         places, turns = places.reshape(-1, 3), turns.reshape(len(places), 4)
@@ -116,9 +116,9 @@ class Touches:
 class TouchSession:
     """Poses of one registration.
 
-    dome   the tip anywhere on the dome, the tool tilted in all directions; it may have been lifted now and then
-    marks  by mark: the tip in it, the tool tilted to all sides
-    roll   the tool turned about its own axis, which was at rest
+    dome   tip anywhere on the dome, the tool tilted in all directions; occasionally lifted
+    marks  by mark: tip in the mark, the tool tilted to all sides
+    roll   tool rotated about its own axis, with the axis at rest
     """
 
     dome: Touches
@@ -170,7 +170,7 @@ def pivot(stands: Sequence[Touches]) -> Pivot:
 def sphere(points: Array) -> tuple[Array, float, Array]:
     """(centre (3,), radius [m], (n,) inliers): |x|² = 2 c·x + (r² − |c|²) is linear in c and the remainder.
 
-    Points far off it, where the tip was lifted, are left out round by round.
+    Points far off it, where the tip was lifted, are rejected iteratively.
     """
     middle = np.median(points, axis=0)
     x = points - middle
@@ -458,7 +458,7 @@ class FrameFit:
     def settle(self) -> None:
         """Gauss–Newton to convergence, then once more without the touches at which the tip was off the dome.
 
-        Raises CalibrationError if it does not settle.
+        Raises CalibrationError if it does not converge.
         """
         for _ in range(3):
             for _ in range(_STEPS):
@@ -520,12 +520,12 @@ class FrameRegistration:
     tip          (3,) in the body [m]
     axis         (3,) unit vector in the body, from the tip towards the magnet
     residual     rms distance of the touches from dome and marks, per equation [m]
-    condition    of the last step, turns measured at the dome's radius
+    condition    of the last step, rotations scaled by the dome's radius
     position     standard deviation of the magnet's place over the touches on the dome [m]
     direction    that of the tool's axis [rad]
-    radius       of the sphere by itself [m], to be held against the dome's
+    radius       of the independently fitted sphere [m], for comparison with the dome's
     wobble       of the axis while the tool was rolled, rms [rad]
-    used         touches that were used; excluded: those on the dome that were not
+    used         touches that were used; excluded: rejected touches on the dome
     """
 
     R: Array
@@ -545,8 +545,8 @@ class FrameRegistration:
 def frame_registration(touched: TouchSession, device: SphericalElectromagnet) -> FrameRegistration:
     """Register the frame.
 
-    Raises InputError for a device without marks, and CalibrationError for touches that do not determine a frame, or
-    that no right-handed tracker in metres with a rigid tool can have sent: what is wrong is named.
+    Raises InputError for a device without marks, and CalibrationError with the cause for touches that do not determine
+    a frame, or that are inconsistent with a right-handed tracker in metres and a rigid tool.
     """
     marks = device.marks
     if marks is None:
@@ -626,7 +626,7 @@ class TrackerFrame:
     """Transforms poses of a rigid body in a tracker's frame to poses of the tool in the stator's.
 
     digest     of the device's file
-    tracker    as it was named when it was registered
+    tracker    name of the tracker at the registration
     simulated  it was registered in a rehearsal
     R, t       (3, 3), (3,) [m] tracker into stator: x_S = R x_T + t
     tip, magnet  (3,) of the tool, in the body [m]
@@ -677,7 +677,7 @@ class TrackerFrame:
     def transform_pose(self, p: Sequence[float], q: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """(p (3,) [m], q (4,)) of the tool's magnet, stator frame, for a body at p (3,), q (4,) in the tracker's.
 
-        What cannot be a pose stays as it is, and a quaternion keeps its length: the pose filter checks them after this.
+        Invalid poses are passed on, and a quaternion keeps its norm: the pose filter checks them afterwards.
         """
         length = hypot(*q)
         if len(p) != 3 or len(q) != 4 or not hypot(*p) < _MAX_DISTANCE_M or not 0.5 < length < 2.0:
@@ -714,7 +714,7 @@ class TrackerFrame:
 
     @classmethod
     def parse(cls, text: str, name: str) -> TrackerFrame:
-        """Parse JSON; `name` is used in messages. CalibrationError if it is no tracker's frame."""
+        """Parse JSON; `name` is used in messages. CalibrationError if it is not a tracker frame."""
         raw = parse_document(text, name, "tracker's frame", FORMAT, _KEYS, "register again with `haptorb frame`")
         for key in ("device", "digest", "tracker"):
             if not isinstance(raw[key], str):

@@ -75,7 +75,7 @@ class Sample:
     field : ndarray, shape (k, 3)
         Flux density at the field sensors in the stator frame [T]; (0, 3) for a device without any.
     pose : Pose
-        Last pose of the tracker; not valid for a rotor that is measured by its field.
+        Last pose of the tracker; not valid for a rotor whose pose is estimated from its field.
     currents_age : float
         Age of the currents at t [s], from the middle of their sensors' averaging time; negative if they were measured
         after the tick began.
@@ -109,7 +109,7 @@ class Estimate:
     wrench_map : WrenchMap
         Wrench per ampere at that state.
     valid : bool
-        False: it is not known where the mover is; no force is rendered.
+        False: the mover's pose is unknown; no force is rendered.
     age : float
         Age of the underlying measurement [s]; the guard trips when it exceeds the device's `limits.expiry`.
     oriented : bool
@@ -121,9 +121,9 @@ class Estimate:
     strength : float
         Strength of the mover's magnets relative to the device file [1], where the estimator finds it.
     disbelieved : int
-        Number of field sensors whose readings were left out.
+        Number of field sensors whose readings were rejected.
     reversed : bool
-        True: the mover's magnet is the wrong way round, so that every force would be inverted.
+        True: the mover's magnet is reversed, so that every force would be inverted.
     """
 
     state: State
@@ -144,7 +144,7 @@ class Estimate:
 
 @final
 class KeptEstimate:
-    """Storage for one estimate of a device with so many `channels`."""
+    """Storage for one estimate of a device with `channels` channels."""
 
     def __init__(self, channels: int) -> None:
         #: by name; `motion` is position [m], angular velocity [rad/s] and velocity [m/s]
@@ -213,8 +213,8 @@ def _copy_estimate(
 class Estimator(Stateful, ABC):
     """Computes state and wrench map from the sample of a tick; the base class of every estimator.
 
-    A subclass implements `update`. It reads no clock (time is `sample.t`), allocates nothing that grows, and names what
-    it remembers from tick to tick in `state_arrays`, so that a replay can start in the middle of a recording.
+    A subclass implements `update`. It reads no clock (time is `sample.t`), allocates no growing memory, and lists its
+    state from tick to tick in `state_arrays`, so that a replay can start in the middle of a recording.
     """
 
     @abstractmethod
@@ -282,7 +282,7 @@ class TrackedPose(Estimator):
         self._last = Estimate(nowhere, WrenchMap(np.zeros((6, device.channels)), np.zeros(6)), False, np.inf)
 
     def update(self, sample: Sample) -> Estimate:
-        """Estimate after `sample`."""
+        """Return the estimate after `sample`."""
         pose = sample.pose
         last = self._last
         if not _is_finite(pose.p, pose.R_SR, pose.v, pose.w):

@@ -1,1 +1,1 @@
-"""Replay of recordings: passes the recorded sensor readings through the same chain, and compares every number."""
+"""Replay of recordings: passes the recorded sensor readings through the same chain, and compares every value."""

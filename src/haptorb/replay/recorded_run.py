@@ -228,7 +228,7 @@ class RecordedTick:
         self.room = room
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
-        """The next ticks: field → (n, width), each in its unit [SI]; only failures unless the `whole` is requested."""
+        """Load the next ticks: field → (n, width), each in its unit [SI]; only failures unless `whole` is set."""
         n = len(block["t"])
         self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
         self._at = 0
@@ -251,23 +251,23 @@ class RecordedTick:
 
     @property
     def detail_change(self) -> TickFailure:
-        """The change of the recorded world's detail: LESS_DETAIL, MORE_DETAIL or 0."""
+        """Change of the recorded world's level of detail: LESS_DETAIL, MORE_DETAIL or 0."""
         return TickFailure(self._failures[self._at]) & _DETAIL
 
     @property
     def took_over(self) -> bool:
-        """Whether the recorded world took over work that was computed in the background."""
+        """Whether the recorded world applied a result that was computed in the background."""
         return bool(self._failures[self._at] & TickFailure.WORK)
 
     def render(self) -> Array:
-        """(6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed where the recorded world failed."""
+        """Return (6,) the recorded wrench on the mover [N, N·m]. Raises WorldFailed if the recorded world failed."""
         if self._failures[self._at] & _RECORDED_WORLD_FAILED:
             raise WorldFailed("the world failed in the recording")
         return self._wrench[self._at]
 
     @property
     def contacts(self) -> Array:
-        """(n, 8) as a row has them [m, N]."""
+        """Contacts (n, 8), as in a row [m, N]."""
         return self._contacts[self._at]
 
     def has_room(self, fields: Sequence[MemoryField]) -> bool:
@@ -275,7 +275,7 @@ class RecordedTick:
         return sum(field.size for field in fields) <= self.room
 
     def find_client(self, fields: Sequence[MemoryField], recording: Recording) -> None:
-        """Where a memory with these `fields` has what a client commanded: that of the world `remote`, alone or in a
+        """Find the client's command in a memory with these `fields`: that of the world `remote`, alone or in a
         sum. Raises RecordingError if the rows of `recording` are too narrow for it."""
         start = end = 0
         self._client = {}
@@ -293,33 +293,33 @@ class RecordedTick:
             raise RecordingError(f"{text} with recorded_world=True", command=f"{text} with --world recorded")
 
     def fill_client(self, client: Records) -> None:
-        """Fill `client` (1,) CLIENT_FORCE [N, s] with what the client commanded."""
+        """Fill `client` (1,) CLIENT_FORCE [N, s] with the client's recorded command."""
         memory = self._memory[self._at]
         for name, place in self._client.items():
             client[name] = memory[place]
-        if client["mapping"][0] != client["mapping"][0]:  # a recording from before the rows had it
+        if client["mapping"][0] != client["mapping"][0]:  # a recording of a version without this field
             client["mapping"] = 0.0
 
     def remember(self, memory: Records) -> None:
-        """Fill `memory` (1,), in the units of its fields, with what the recorded world remembered after its step."""
+        """Fill `memory` (1,), in the units of its fields, with the recorded world's memory after its step."""
         numbers, recorded = memory.view(np.float64), self._memory[self._at]
         numbers[: len(recorded)] = recorded[: len(numbers)]
 
 
 @final
 class PlayedBudget:
-    """Reduces detail where the recorded run did, and restores it there."""
+    """Reduces and restores the level of detail in the same ticks as the recorded run."""
 
     def __init__(self, tick: RecordedTick) -> None:
         self._tick = tick
 
     def begin(self, bound: BoundWorld) -> None:
-        """Take over what was computed in the background where the recorded run did; it is computed here."""
+        """Apply the background step in the tick in which the recorded run applied it; it is computed here."""
         if self._tick.took_over and (work := bound.world.find_work(bound.memory)) is not None:
             bound.world.take_over(bound.memory, work.compute())
 
     def end(self, bound: BoundWorld) -> TickFailure:
-        """Change the detail as the recorded run did after its step."""
+        """Change the level of detail as the recorded run did after its step."""
         change = self._tick.detail_change
         if change & TickFailure.LESS_DETAIL:
             bound.world.lighten(bound.memory)
@@ -329,9 +329,9 @@ class PlayedBudget:
 
 
 def make_recorded_world(description: str, tick: RecordedTick) -> World:
-    """A world that stands in for the one of `description`, in a class of its own for each name.
+    """Create a substitute for the world of `description`, of a separate class for each name.
 
-    A change between two of one name is so the change of values that it was.
+    A change between two worlds of one name remains a change of values.
     """
     note = _parse(description)
     name, fields = str(note.get("name", "recorded")), _memory_fields(note)
@@ -345,7 +345,7 @@ def make_recorded_world(description: str, tick: RecordedTick) -> World:
 
 
 def _find_remote(note: Mapping[str, Any]) -> Remote | None:
-    """The clients' force of the world of `note`, alone or in a sum, with its recorded limit; None without clients."""
+    """Client force of the world of `note`, alone or in a sum, with its recorded limit; None without clients."""
     values = note.get("values") if note.get("name") == "remote" else note.get("remote")
     if not isinstance(values, Mapping):
         return None
@@ -361,7 +361,7 @@ def _parse(description: str) -> dict[str, Any]:
 
 
 def list_memory_fields(description: str) -> tuple[MemoryField, ...]:
-    """Fields of the memory of the world of `description`; none where it does not say."""
+    """Fields of the memory of the world of `description`; empty if it states none."""
     return _memory_fields(_parse(description))
 
 
@@ -377,48 +377,48 @@ def _memory_fields(note: Mapping[str, Any]) -> tuple[MemoryField, ...]:
     return () if too_long else found  # safety: memory-length
 
 
-_MAX_MEMORY_NUMBERS = 1_000_000  #: numbers of a memory, much more than a row has room for
+_MAX_MEMORY_NUMBERS = 1_000_000  #: limit of the numbers of a memory, far above the room of a row
 _KINDS: dict[tuple[str, bool], Any] = {}
 
 
 def _still_kind(known_as: str) -> Any:
-    """The class of the stand-ins without memory for worlds of that name."""
+    """Class of the substitutes without memory for worlds of that name."""
     if (known_as, False) in _KINDS:
         return _KINDS[known_as, False]
 
     @final
     @dataclass(frozen=True)
     class RecordedWrench(World):
-        """Renders the recorded wrench, wherever the mover is."""
+        """Renders the recorded wrench, at any pose of the mover."""
 
         tick: RecordedTick
         called: ClassVar[str] = known_as
 
         @property
         def name(self) -> str:
-            """That of the world which it stands in for."""
+            """Name of the world that it replaces."""
             return self.called
 
         def wrench(self, state: State) -> Array:
-            """(6,) as recorded [N, N·m]."""
+            """Recorded wrench (6,) [N, N·m]."""
             return self.tick.render()
 
         def render_contacts(self, state: State) -> tuple[Array, Array]:
-            """(6,) and (n, 8) as recorded."""
+            """Recorded wrench (6,) and contacts (n, 8)."""
             return self.tick.render(), self.tick.contacts
 
     return _KINDS.setdefault((known_as, False), RecordedWrench)
 
 
 def _dynamic_kind(known_as: str) -> Any:
-    """The class of the stand-ins with memory for worlds of that name."""
+    """Class of the substitutes with memory for worlds of that name."""
     if (known_as, True) in _KINDS:
         return _KINDS[known_as, True]
 
     @final
     @dataclass(frozen=True)
     class RecordedMemory(DynamicWorld):
-        """Renders the recorded wrench, and remembers what the recorded world did."""
+        """Renders the recorded wrench, with the recorded world's memory."""
 
         tick: RecordedTick
         numbers: tuple[MemoryField, ...]
@@ -428,46 +428,46 @@ def _dynamic_kind(known_as: str) -> Any:
 
         @property
         def name(self) -> str:
-            """That of the world which it stands in for."""
+            """Name of the world that it replaces."""
             return self.called
 
         @property
         def memory_fields(self) -> tuple[MemoryField, ...]:
-            """As the recording notes them."""
+            """Fields stated in the recording."""
             return self.numbers
 
         @property
         def stores_energy(self) -> bool:
-            """As the recording notes it."""
+            """Whether the recorded world stores energy, as stated in the recording."""
             usual = any(field.name == "energy" for field in self.numbers)
             return usual if self.recorded_stores_energy is None else bool(self.recorded_stores_energy)
 
         @property
         def takes_commands(self) -> bool:  # type: ignore[override]  # the recorded world did, or did not
-            """Whether a part of the recorded wrench was a client's."""
+            """Whether a part of the recorded wrench was commanded by a client."""
             return self.remote is not None
 
         def take_command(self, memory: Records, client: Records) -> None:
-            """The command is in the recorded memory."""
+            """Ignore the command: it is contained in the recorded memory."""
 
         def advance(self, memory: Records, state: State, dt: float) -> Array:
-            """(6,) as recorded [N, N·m]; `memory` (1,) becomes what was recorded. dt [s] is not looked at."""
+            """Return the recorded wrench (6,) [N, N·m] and fill `memory` (1,) as recorded; dt [s] is ignored."""
             self.tick.remember(memory)
             return self.tick.render()
 
         def advance_with_client(self, memory: Records, state: State, dt: float, commanded: Array) -> Array:
-            """(6,) as recorded [N, N·m]; the client's part of it is added to `commanded` (6,)."""
+            """Return the recorded wrench (6,) [N, N·m]; the client's part of it is added to `commanded` (6,)."""
             wrench = self.advance(memory, state, dt)
             if self.remote is not None:
                 commanded += self.remote.advance(self._remote_memory(memory), state, dt)
             return wrench
 
         def gripper_force(self, memory: Records) -> float:
-            """As recorded [N]."""
+            """Recorded force of the gripper [N]."""
             return 0.0 if self.remote is None else self.remote.gripper_force(self._remote_memory(memory))
 
         def _remote_memory(self, memory: Records) -> Records:
-            """(1,) the part of `memory` that the clients' force had."""
+            """Part (1,) of `memory` that belongs to the client force."""
             assert self.remote is not None
             part = self.remote.begin()
             for name in part.dtype.names or ():
@@ -480,11 +480,11 @@ def _dynamic_kind(known_as: str) -> Any:
 
 
 # --------------------------------------------------------------------------------------------------
-# A driver that plays recorded samples and answers, tick by tick.
+# Driver that returns recorded samples and results, tick by tick.
 
 
 _READ, _WRITE, _ENGAGE = int(TickFailure.READ), int(TickFailure.WRITE), int(TickFailure.ENGAGE)
-_MAX_FAILURE_CODE = 2.0**31  #: more than all failures together
+_MAX_FAILURE_CODE = 2.0**31  #: exclusive upper bound of the sum of all failure flags
 _PLAYED_DRIVER_FAILED = "the driver failed in the recording"
 
 
@@ -505,7 +505,7 @@ class PlayedDriver(Driver):
         self._at = 0
 
     def load(self, block: Mapping[str, Array], t: Array) -> None:
-        """The next ticks: field → (n, width), each in its unit [SI], at the times `t` (n,) [s] of the replay."""
+        """Load the next ticks: field → (n, width), each in its unit [SI], at the times `t` (n,) [s] of the replay."""
         sensors = self._sensors
         n = len(t)
 
@@ -515,9 +515,9 @@ class PlayedDriver(Driver):
         R = rows("pose_r").reshape(n, 3, 3)
         field = rows("field").reshape(n, sensors, 3) if sensors and "field" in block else np.zeros((n, sensors, 3))
         with np.errstate(invalid="ignore"):  # in a damaged file
-            waited = t - block["t"][:, 0]  # 0, but where the replay has another rate
+            waited = t - block["t"][:, 0]  # 0, unless the replay has another rate
         ages = rows("current_age")[:, 0] + waited, rows("field_age")[:, 0] + waited
-        none = np.full((n, 1), np.nan)  # a recording from before the rows had grippers
+        none = np.full((n, 1), np.nan)  # a recording of a version without grippers
         grips = (np.asarray(block.get(name, none))[:, 0].tolist() for name in ("gripper", "gripper_v"))
         poses = map(
             Pose, block["pose_t"][:, 0].tolist(), R, rows("pose_p"), rows("pose_w"), rows("pose_v"),
@@ -540,43 +540,43 @@ class PlayedDriver(Driver):
         self._at = number
 
     def open(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing."""
 
     def read(self, now: float) -> Sample:
-        """The tick's sample. Raises DriverError where the recorded driver did."""
+        """Return the recorded sample of the tick. Raises DriverError if the recorded driver did."""
         if self._failures[self._at] & _READ:
             raise DriverError(_PLAYED_DRIVER_FAILED)
         return self._samples[self._at]
 
     def write(self, duties: Array) -> Array:
-        """(m,) the duties [1] that were applied. Raises DriverError where the recorded driver did."""
+        """Return the recorded applied duties (m,) [1]. Raises DriverError if the recorded driver did."""
         if self._failures[self._at] & _WRITE:
             raise DriverError(_PLAYED_DRIVER_FAILED)
         return self._duties[self._at]
 
     def squeeze(self, force: float) -> float:
-        """`force` [N] itself: what the recorded driver commanded is that of the chain."""
+        """Return `force` [N]: the recorded driver applied the force commanded by the chain."""
         return force
 
     def engage(self) -> None:
-        """Raises DriverError where the recorded driver did."""
+        """Raise DriverError if the recorded driver did."""
         if self._failures[self._at] & _ENGAGE:
             raise DriverError(_PLAYED_DRIVER_FAILED)
 
     @property
     def coil_state(self) -> CoilState:
-        """As it was."""
+        """Recorded state of the coils."""
         return self._coils[self._at]
 
     def truth(self) -> Array:
-        """(6,) what the recorded driver knew of the wrench [N, N·m]; NaN where it knew nothing."""
+        """Actual wrench (6,) recorded by the driver [N, N·m]; NaN if unknown."""
         return self._truths[self._at]
 
     def target(self) -> Array:
-        """(7,) where the hand wanted the mover: position [m] and quaternion."""
+        """Recorded goal (7,) of the hand: position [m] and quaternion."""
         return self._targets[self._at]
 
 

@@ -1,4 +1,4 @@
-"""Replay of a recording: passes the recorded samples through the same `Tick`, and compares every number."""
+"""Replay of a recording: passes the recorded samples through the same `Tick`, and compares every value."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ __all__ = [
 # Comparison of two runs of the same ticks, bit by bit: first difference, and size of the differences.
 
 
-#: what the computer's clock and the tool's buttons said of the run, and no part of the chain
+#: fields from the computer's clock and the tool's buttons, which the chain does not compute
 CLOCK_FIELDS = frozenset({"tick", "wall", "lateness", "missed", "stages", "ahead", "buttons", "grip", "hand_t"})
 
 
 @record
 class Difference:
-    """One number that is not the same: `recorded` and `replayed` at place `number` of `field`, in its `unit`."""
+    """Difference in one number: `recorded` and `replayed` at index `number` of `field`, in its `unit`."""
 
     tick: int
     t: float  #: [s]
@@ -81,15 +81,15 @@ class Difference:
 
     @property
     def size(self) -> float:
-        """How far apart they are, in the field's unit."""
+        """Size of the difference, in the field's unit."""
         return abs(self.replayed - self.recorded)
 
 
 @record
 class FieldBound:
-    """How far a field differs: in how many ticks, by at most `largest`, where the recorded value is up to `greatest`.
+    """Differences in a field: number of ticks, `largest` difference, and `greatest` recorded value.
 
-    largest   in the field's unit; NaN: a number stands against none
+    largest   in the field's unit; NaN: one of the two values is NaN
     """
 
     field: str
@@ -104,9 +104,9 @@ class FieldBound:
 class RunComparison:
     """Collects blocks of recorded and replayed rows of `fields`.
 
-    compared   ticks looked at
-    differing  ticks in which a number is not the same
-    first      the first number that is not the same; None: there is none
+    compared   number of compared ticks
+    differing  number of ticks with a difference
+    first      first difference; None: there is none
     """
 
     def __init__(self, fields: tuple[Field, ...], left_out: frozenset[str] = frozenset()) -> None:
@@ -120,16 +120,16 @@ class RunComparison:
 
     @property
     def identical(self) -> bool:
-        """Every number of every tick is the same, bit for bit."""
+        """Whether every number of every tick is the same, bit for bit."""
         return self.first is None
 
     @property
     def bounds(self) -> tuple[FieldBound, ...]:
-        """Of the fields that differ, those first that differ first."""
+        """Bounds of the differing fields, ordered by their first difference."""
         return tuple(sorted(self._bounds.values(), key=lambda one: one.first))
 
     def add(self, recorded: Mapping[str, Array], replayed: Mapping[str, Array], ticks: Array, t: Array) -> None:
-        """A block: field → (n, width) in the field's unit [SI], its `ticks` (n,) and their times t (n,) [s]."""
+        """Add a block: field → (n, width) in the field's unit [SI], its `ticks` (n,) and their times t (n,) [s]."""
         n = len(ticks)
         any_differs = np.zeros(n, dtype=np.bool_)
         found: list[tuple[int, str, Array]] = []
@@ -159,11 +159,11 @@ class RunComparison:
         self.differing += int(any_differs.sum())
 
     def add_same(self, n: int) -> None:
-        """A block of `n` ticks of which `are_same` says that every number of every field is the same."""
+        """Add a block of `n` ticks that `are_same` has found identical."""
         self.numbers, self.compared = self.numbers + n * self._width, self.compared + n
 
     def merge(self, later: RunComparison) -> None:
-        """Take in what `later` has found in the ticks that follow."""
+        """Merge the result `later` of the following ticks."""
         self.first = self.first or later.first
         self.compared, self.differing = self.compared + later.compared, self.differing + later.differing
         self.numbers += later.numbers
@@ -184,8 +184,8 @@ class RunComparison:
 
 
 def are_same(recorded: Array, replayed: Array) -> bool:
-    """Whether rows (n, width) are the same bit for bit, each number in the unit [..] of its field: much faster than to
-    look at each field."""
+    """Whether rows (n, width) are identical bit for bit, each number in the unit [..] of its field: much faster than a
+    comparison field by field."""
     return np.array_equal(recorded.view(np.uint64), replayed.view(np.uint64))
 
 
@@ -207,19 +207,19 @@ def _bits(values: Array) -> Array:
 
 _TIMETABLE_MODES = int(TickCommand.TRANSLATE | TickCommand.ROTATE)
 _TIMETABLE_CLUTCH = int(TickCommand.HOLD | TickCommand.RELEASE)
-_SAME = 1e-7  #: by which two times may differ and be one [s]
+_SAME = 1e-7  #: tolerance between two equal times [s]
 
 
 @final
 class Timetable:
-    """For recorded ticks at `t` (n,) [s] with `commands` (n,): as they were, or at another `rate` [Hz].
+    """Timetable for recorded ticks at `t` (n,) [s] with `commands` (n,): unchanged, or at another `rate` [Hz].
 
-    At another rate every tick plays the newest sample that there was at its time, so much older; a command acts in the
-    first tick after it.
+    At another rate every tick uses the newest sample available at its time, with the corresponding age; a command takes
+    effect in the first tick after it.
 
     index     (k,) of the recorded tick
-    t         (k,) when it is replayed [s]
-    commands  (k,) all that were given since the tick before
+    t         (k,) time at which it is replayed [s]
+    commands  (k,) all commands since the previous tick
     """
 
     def __init__(self, t: Array, commands: Array, rate: float | None = None) -> None:
@@ -240,7 +240,7 @@ class Timetable:
                 self.commands[tick] = _timetable_join(int(self.commands[tick]), int(commands[at]))
 
     def cut(self, first: int, last: int) -> Timetable:
-        """Its ticks from `first` up to `last`."""
+        """Timetable of the ticks from `first` up to `last`."""
         part = Timetable(self.t[:1], self.commands[:1])
         part.index = self.index[first:last].copy()
         part.t, part.commands = self.t[first:last].copy(), self.commands[first:last].copy()
@@ -251,7 +251,7 @@ class Timetable:
 
 
 def _timetable_join(first: int, then: int) -> int:
-    """Both at once; of two modes, models or words to the clutch the later one.
+    """Merge two sets of commands; of two modes, models or clutch commands the later one applies.
 
     >>> _timetable_join(int(TickCommand.TRANSLATE), int(TickCommand.ROTATE)) == TickCommand.ROTATE
     True
@@ -269,7 +269,7 @@ def _timetable_join(first: int, then: int) -> int:
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """No look for garbage: every block makes thousands of samples, and the collector would visit each of them."""
+    """Suspend garbage collection: every block creates thousands of samples, and the collector would visit each."""
     collected = gc.isenabled()
     gc.disable()
     try:
@@ -280,7 +280,7 @@ def without_collection() -> Iterator[None]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Recorded states of the chain, from which a replay may begin.
+# Recorded states of the chain, from which a replay may start.
 
 
 _LONGEST_TICK = re.compile(r"[0-9]{1,15}")
@@ -288,9 +288,9 @@ _LONGEST_TICK = re.compile(r"[0-9]{1,15}")
 
 @final
 class KeptStates:
-    """The states that `recording` contains, none of which is read before it is used.
+    """States of the chain in `recording`, read on demand.
 
-    older  there are some of an older version, pickled: these are not read
+    older  whether there are pickled states of an older version, which are not read
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -311,13 +311,13 @@ class KeptStates:
         return iter(self._texts)
 
     def read(self, tick: float) -> Mapping[str, StateArray]:
-        """Name → array of the state after `tick`, each number in its own unit. Raises RecordingError for what is
-        none."""
+        """Return name → array of the state after `tick`, each number in its own unit. Raises RecordingError if it is
+        invalid."""
         return unpack_arrays(self._layout, self._texts[tick])
 
 
 def choose_beginnings(recording: Recording, parts: int) -> list[int]:
-    """Rows with a kept state that cut `recording` into at most so many parts of about one length [1].
+    """Rows with a stored state that divide `recording` into at most that many parts of similar length [1].
 
     The first is 0.
     """
@@ -334,14 +334,14 @@ def choose_beginnings(recording: Recording, parts: int) -> list[int]:
 
 
 def list_gaps(ticks: Array) -> NDArray[np.intp]:
-    """The rows of `ticks` (n,) [1] after which others are missing."""
+    """Rows of `ticks` (n,) [1] that are followed by missing rows."""
     with np.errstate(invalid="ignore"):  # in a damaged file
         return np.flatnonzero(np.diff(ticks) != 1)
 
 
 def find_gaps(ticks: Array, states: Iterable[float]) -> tuple[NDArray[np.bool_], set[int]]:
-    """(n,) True [1] for the rows of `ticks` (n,) of which the chain cannot know what came before, after lost ticks; and
-    the rows, with one of the kept `states`, at which it knows again."""
+    """Mask (n,) [1] of the rows of `ticks` (n,) at which the chain's state is unknown, after lost ticks; and the rows,
+    with one of the stored `states`, at which it is known again."""
     blind, resume = np.zeros(len(ticks), dtype=np.bool_), set[int]()
     at_ticks = np.array(sorted(states))
     at = np.searchsorted(ticks, at_ticks)
@@ -368,7 +368,7 @@ _PLAYED_COMMANDS_CLUTCH = ((int(TickCommand.HOLD), True), (int(TickCommand.RELEA
 
 
 def play_commands(tick: Tick, commands: int, scale: float) -> None:
-    """Tell `tick` the sum `commands` of a row, all but those of its world; scale: of a motor's torques, if known
+    """Pass the sum `commands` of a row to `tick`, except those of its world; scale: of a motor's torques, if known
     [1]."""
     if commands & _EXCUSE:
         tick.excuse_lateness()
@@ -380,7 +380,7 @@ def play_commands(tick: Tick, commands: int, scale: float) -> None:
         if commands & flag:
             tick.joining.set_mode(mode)
     if (model := find_model(commands)) >= 0:
-        with suppress(InputError):  # another estimator, that has one model only
+        with suppress(InputError):  # another estimator, with one model only
             tick.change_model(model)
     if commands & _SCALE:
         tick.joining.set_torque_scale(scale)
@@ -408,11 +408,11 @@ _OWN = frozenset(
     }
 )
 
-_STATES = frozenset({f"haptorb/{LAYOUT_NOTE}", f"haptorb/{STATE_NOTE}"})  #: of the recorded run, and of no other
+_STATES = frozenset({f"haptorb/{LAYOUT_NOTE}", f"haptorb/{STATE_NOTE}"})  #: of the recorded run only
 
 
 def check_replay_file(path: Path, *, overwrite: bool) -> Path:
-    """`path`, if a recording can be written there. Raises RecordingError if it exists and `overwrite` is not set."""
+    """Return `path` if a recording can be written to it. RecordingError if it exists and `overwrite` is not set."""
     if path.exists() and not overwrite:
         text = f"{path} exists; choose another name, or replace it"
         raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
@@ -444,7 +444,7 @@ class ReplayFile:
         self._recorder.append(rows)
 
     def finish(self) -> None:
-        """Everything is there."""
+        """Write the end of the recording, which is then complete."""
         rows = str(self._recorder.written)
         self._recorder.add_metadata("end", {"rows": rows, "lost": "0", "reason": "replayed"})
         self._recorder.finish()
@@ -454,11 +454,11 @@ class ReplayFile:
 def write_replay(
     path: Path, recording: Recording, layout: RowLayout, rate: float, replaced: Mapping[str, str], world: str = ""
 ) -> Iterator[ReplayFile]:
-    """The file at `path` for rows of `layout` at `rate` [Hz]: whole at the end of the block, or not at all.
+    """Open the file at `path` for rows of `layout` at `rate` [Hz]; written atomically at the end of the block.
 
     Raises RecordingError if it cannot be written.
 
-    replaced  part → what stands in for it; world: description of the one that stands in, if one does
+    replaced  part → its substitute; world: description of the substituted world, if there is one
     """
     offset = recording.metadata.get("clock", {}).get("unix_minus_monotonic_ns", "0")
     try:
@@ -472,13 +472,13 @@ def write_replay(
 
 
 _BLOCK = 1024  #: ticks
-_CHANGES = 1000  #: of the world, from one tick to the next, at most
+_CHANGES = 1000  #: limit of changes of the world between two ticks
 _REPLACE = int(TickCommand.REPLACE)
 
 
 @final
 class Replay:
-    """Run the loop of a recording again, with the same or other parts; `run` does it, once.
+    """Replay of a recording, with the same or other parts; call `run` once.
 
     Parameters
     ----------
@@ -493,7 +493,7 @@ class Replay:
     rate : float, optional
         Rate of the loop in place of the recorded one [Hz].
     recorded_world : bool
-        Render the recorded wrench, and run no world.
+        Render the recorded wrench instead of running a world.
     part : tuple of int, optional
         First row and the row after the last one of the part to replay; the recording must have the loop's state before
         the first.
@@ -505,13 +505,13 @@ class Replay:
     comparison : RunComparison
         Recorded and replayed numbers compared, after `run`.
     replaced : dict
-        Part → what stands in for it.
+        Part → its substitute.
     remarks : list of str
-        What differs from the run.
+        Differences from the recorded run.
     approximate : bool
-        True: something that a bit-exact replay needs is missing.
+        True: the recording lacks data for a bit-exact replay.
     seconds : float
-        Length of the run [s].
+        Duration of the run [s].
 
     Raises
     ------
@@ -574,22 +574,22 @@ class Replay:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Fields that the recording does not have, and without which its replay is only near."""
+        """Missing fields, without which the replay is only approximate."""
         return self._rows.missing
 
     def read_recorded(self, names: Sequence[str]) -> dict[str, Array]:
-        """Field → (n, width) of all recorded ticks, in its unit [SI]."""
+        """Read all recorded ticks: field → (n, width), in its unit [SI]."""
         block = self._rows.split(self._rows.read(0, len(self._rows)))
         return {name: block[name] for name in names}
 
     def write_to(self, path: Path) -> AbstractContextManager[ReplayFile]:
-        """The recording of what comes out: whole at the end of the block, or not at all."""
+        """Open a recording of the replayed rows; it is written atomically at the end of the block."""
         world = "" if self._other_world is None else description(self._other_world)
         return write_replay(path, self._recording, self._layout, self.rate, self.replaced, world)
 
     @property
     def layout(self) -> RowLayout:
-        """Of the rows that come out: with the room for memory that the recording's have."""
+        """Layout of the replayed rows, with the recording's room for memory."""
         return self._layout
 
     def run(
@@ -597,9 +597,9 @@ class Replay:
         report: Callable[[int], None] = lambda ticks: None,
         keep: Callable[[Array], None] = lambda rows: None,
     ) -> RunComparison:
-        """All ticks; `report` receives the number done, `keep` rows (n, width), each number in its unit."""
+        """Replay all ticks; `report` receives the number done, `keep` the rows (n, width), each number in its unit."""
         table, layout = self._timetable, self._layout
-        with without_collection(), np.errstate(all="ignore"):  # anybody's numbers
+        with without_collection(), np.errstate(all="ignore"):  # the file may contain any numbers
             for first in range(0, len(table), _BLOCK):
                 last = min(first + _BLOCK, len(table))
                 index = table.index[first:last]
@@ -623,8 +623,8 @@ class Replay:
         return self.comparison
 
     def skip_to(self, first: int, last: int) -> bool:
-        """Before `run`: replay only the rows `first` up to `last`, with this chain, which is as new. False: it cannot,
-        as the recording keeps no state of the row `first`, or another world was felt there."""
+        """Before `run`: restrict the replay to rows `first` up to `last`, with this unused chain. False: impossible,
+        because the recording has no state at row `first`, or another world was active there."""
         block = self._rows.read_one(first)
         tick, change = float(block["tick"][0, 0]), np.nan_to_num(block["world"][0, 0])
         if self._state is not None or tick not in self._states or change != self._change:
@@ -635,7 +635,7 @@ class Replay:
         return True
 
     def _begin_late(self) -> None:
-        """A trip's black box begins in the middle of its run, with what the chain remembered there."""
+        """Start a trip's black box, which begins in the middle of its run, with the chain's recorded state."""
         self._near, self._states = bool(self._rows.missing), KeptStates(self._recording)
         if self._recording.truncated:
             self.remarks.append("the recording was cut short")
@@ -659,7 +659,7 @@ class Replay:
         self._change = int(np.nan_to_num(block["world"][0, 0]))
 
     def _find_gaps(self) -> None:
-        """Where ticks were lost, the chain's memory is unknown."""
+        """Find the gaps of lost ticks, after which the chain's state is unknown."""
         rows = self._rows
         self._blind, self._resume = find_gaps(rows.ticks, self._states)
         if len(gaps := list_gaps(rows.ticks)):
@@ -669,13 +669,13 @@ class Replay:
             )
 
     def _restore_after_gap(self, at: int, block: Mapping[str, Array], n: int) -> None:
-        """After lost ticks: remember what the recorded chain did after row `at`, tick `n` of the block."""
+        """After lost ticks: restore the recorded chain's state after row `at`, tick `n` of the block."""
         self._change_world(float(block["world"][n, 0]), 0)
         memory = block.get("memory", np.empty((n + 1, 0)))[n]
         load_state(self.tick, self._states.read(float(self._rows.ticks[at])), memory)
 
     def _restore_state(self) -> None:
-        """Remember what the recorded chain did after the first row, which is not run again."""
+        """Restore the recorded chain's state after the first row, which is not replayed."""
         if self._state is not None:
             block = self._rows.read_one(self._first)
             load_state(self.tick, self._state, block.get("memory", np.empty((1, 0)))[0])
@@ -712,7 +712,7 @@ class Replay:
         return out
 
     def _change_world(self, change: float, command: int) -> None:
-        """The world has changed up to number `change`; `command` says whether the last one was another version."""
+        """Change the world up to number `change`; `command` states whether the last one was a new version."""
         if not change > self._change:  # NaN: unknown
             return
         if not change - self._change <= _CHANGES:  # safety: changes-are-counted
@@ -730,17 +730,17 @@ class Replay:
         self._change = int(change)
 
     def _choose_world(self, change: int) -> World:
-        """The world after `change` changes: the recorded one, or another in its place beside the same clients."""
+        """World after `change` changes: the recorded one, or its substitute with the same clients."""
         other = self._other_world
         world = self._find_world(change) if other is None else join_remote(other, self.recorded.remote(change))
         self._has_clients = isinstance(world, DynamicWorld) and world.takes_commands
-        if self._has_clients:  # what they commanded is in the recorded memory
+        if self._has_clients:  # their commands are in the recorded memory
             fields = list_memory_fields(self.recorded.describe_world(change))
             self._recorded_tick.find_client(fields, self._recording)
         return world
 
     def _find_world(self, change: int) -> World:
-        """The world after `change` changes, or what was recorded of it."""
+        """World after `change` changes, or its recorded output."""
         text = self.recorded.describe_world(change)
         if not self._only_recorded:
             try:

@@ -110,7 +110,7 @@ _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rota
 
 @final
 class PlayedRows:
-    """The ticks of `recording`, in blocks.
+    """Ticks of `recording`, in blocks.
 
     missing  fields that an earlier version did not record; the replay is then approximate, not bit-exact
 

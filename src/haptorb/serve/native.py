@@ -1,8 +1,8 @@
-"""The server of `--serve native`: programs for Force Dimension's and OpenHaptics' interfaces, through shared memory.
+"""Server of `--serve native`: programs for Force Dimension's and OpenHaptics' interfaces, through shared memory.
 
 The libraries in `native/` map a small file that this process writes: facts, then the state after every tick. They write
-one command into it, with the time of CLOCK_MONOTONIC at which the program gave it. This process looks for it four times
-in a tick and hands it on like any client's; every value in the file is validated here before use.
+one command into it, with its time by CLOCK_MONOTONIC. This process polls it four times per tick and forwards it like
+any client's; every value in the file is validated here before use.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ COMMAND = _lay_out(
 )  # fmt: skip
 
 
-#: all of a state but its text
+#: numeric part of a state
 _NUMBERS = Struct("".join(f"{count}{kind}" for _, count, kind in STATE.values() if kind != "s"))
 _JOINTS = 8
 
@@ -112,19 +112,19 @@ _JOINTS = 8
 
 
 HAS_BASE, HAS_WRIST, HAS_ACTIVE_WRIST, HAS_GRIPPER, HAS_ACTIVE_GRIPPER, SIMULATED = 1, 2, 4, 8, 16, 64
-# The types of Force Dimension's interface with the same abilities; none has an active wrist without a gripper.
+# Device types of Force Dimension's interface with the same capabilities; none has an active wrist without a gripper.
 _OMEGA_3, _OMEGA_6, _OMEGA_7, _SIGMA_7 = 33, 34, 35, 104
 _TOOL = HAS_BASE | HAS_WRIST | HAS_ACTIVE_WRIST
-_PROGRAM_DELAY = 2e-3  #: from a pose to the force that a program computes for it, beside the tick [s]
+_PROGRAM_DELAY = 2e-3  #: delay from a pose to the program's force, in addition to the tick [s]
 _MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
-_REACH = 0.1  #: about the place of rest, for a kind of device whose workspace is not known [m]
+_REACH = 0.1  #: half size of the box about the rest position, for a kind of device whose workspace is unknown [m]
 
 
 @dataclass(frozen=True)
 class Hardware:
     """Capabilities of a device for programs of these interfaces; poses and box in the program's frame and scale.
 
-    centre         (3,) what programs see as the origin [m], stator frame
+    centre         (3,) origin of the program's frame [m], stator frame
     scale          metres in the program per metre of the tool
     workspace      box of the poses: least x y z, greatest x y z [m]
     """
@@ -139,12 +139,12 @@ class Hardware:
     torque: float = 0.0  #: peak [N·m]; 0: none is rendered
     mass: float = 0.0  #: of the tool [kg]; 0: unknown
     gripper: Gripper | None = None
-    stiffness: float = math.inf  #: that the device's file permits, where the world acts [N/m]
-    lever: float = 1.0  #: of the hand's way to that of what the world acts on
+    stiffness: float = math.inf  #: limit in the device file, at the point where the world acts [N/m]
+    lever: float = 1.0  #: ratio of the hand's travel to the object's
 
     @property
     def grip_angle(self) -> float:
-        """Greatest angle of the gripper [rad]; 0: there is none."""
+        """Maximum angle of the gripper [rad]; 0: there is none."""
         gripper = self.gripper
         return 0.0 if gripper is None else 2.0 * math.asin(min(0.5 * gripper.opening / gripper.length, 1.0))
 
@@ -152,7 +152,7 @@ class Hardware:
 @device_function
 @singledispatch
 def describe_hardware(device: Device) -> Hardware:
-    """Description of `device` for programs; a kind of device with more abilities registers its own."""
+    """Description of `device` for programs; a kind of device with more capabilities registers its own."""
     shell = device.shell
     force, torque = device.limits.force, device.limits.torque
     if shell is None:
@@ -166,7 +166,7 @@ def describe_hardware(device: Device) -> Hardware:
 
 @describe_hardware.register
 def _describe_motor(device: SphericalMotor) -> Hardware:
-    """What the program moves is the object, from its own origin, as far as tilts of the handle move it at first.
+    """Describe a motor: the program moves the object, relative to its own origin, by the travel of the initial tilts.
 
     Forces come back in mode translate, torques in mode rotate; the greatest that a program may command stay within the
     rotor's torque in every direction.
@@ -182,7 +182,7 @@ def _describe_motor(device: SphericalMotor) -> Hardware:
 
 @describe_hardware.register
 def _describe_array(device: CoilArray) -> Hardware:
-    """A tool over a plate: the origin is where it touches in the middle. Over a dome as every tool."""
+    """Describe a coil array: the origin is the tool's contact point in the middle of the plate, or as for any dome."""
     surface, force, torque = device.surface, device.limits.force, device.limits.torque
     if surface.is_dome:
         return describe_hardware.dispatch(object)(device)
@@ -209,7 +209,7 @@ def _describe_arm(device: Arm) -> Hardware:
 
 
 def describe_mapping(device: Device, scale: float | None = None) -> str:
-    """How a program's workspace lies in that of `device`, in one line; scale: None for the default.
+    """Describe the mapping of a program's workspace to that of `device` in one line; scale: None for the default.
 
     >>> from haptorb.devices.loader import load
     >>> describe_mapping(load("arm")).partition(" (")[0]
@@ -236,9 +236,9 @@ def describe_mapping(device: Device, scale: float | None = None) -> str:
 @final
 @dataclass(frozen=True)
 class Placement:
-    """From the stator's frame (x right, y away from the user, z up) into the program's: x towards the user, y right.
+    """Transform from the stator's frame (x right, y away from the user, z up) to the program's: x to the user, y right.
 
-    centre  (3,) what the program sees as the origin [m]; scale: its metres of one metre here
+    centre  (3,) origin of the program's frame [m]; scale: metres in the program per metre here
 
     >>> Placement((0.0, 0.0, 0.5), 2.0).place((0.25, 0.5, 1.0))
     (-1.0, 0.5, 1.0)
@@ -248,25 +248,25 @@ class Placement:
     scale: float
 
     def place(self, p: Any) -> tuple[float, float, float]:
-        """(3,) of a position [m]."""
+        """Transform a position (3,) [m]."""
         x, y, z = (self.scale * (one - middle) for one, middle in zip(p, self.centre, strict=True))
         return 0.0 - y, x, z  # avoids -0.0 in displays
 
     @staticmethod
     def turn(vector: Any) -> tuple[float, float, float]:
-        """(3,) of a force or any other vector, in its own unit."""
+        """Transform a force or any other vector (3,), in its own unit."""
         x, y, z = vector
         return 0.0 - y, x, z  # avoids -0.0 in displays
 
     @staticmethod
     def turn_back(vector: Any) -> tuple[float, float, float]:
-        """(3,) a program's force [N] in the stator's frame."""
+        """Transform a program's force (3,) [N] to the stator's frame."""
         x, y, z = vector
         return y, 0.0 - x, z
 
 
 def _turn_rotation(q: tuple[float, float, float, float]) -> tuple[float, ...]:
-    """(9,) of the orientation `q` (x, y, z, w) in the stator's frame, row by row, both frames with the program's axes.
+    """Rotation (9,), row by row, of the orientation `q` (x, y, z, w) in the stator's frame, with the program's axes.
 
     >>> [one + 0.0 for one in _turn_rotation((0.0, 0.0, 0.0, 1.0))]
     [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
@@ -295,7 +295,7 @@ class Claim(NamedTuple):
 
 
 def read_claim(number: int) -> Claim:
-    """What a claim in the file says.
+    """Decode a claim in the file.
 
     >>> read_claim((77 << 24) | (2 << 22) | 1234)
     Claim(process=1234, library=2, start=77)
@@ -308,7 +308,7 @@ def read_claim(number: int) -> Claim:
 
 
 def _process_start(process: int) -> int:
-    """Clock ticks since boot; −1 if there is no such process."""
+    """Start of a process in clock ticks since boot; −1 if there is no such process."""
     try:
         return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[19])
     except (OSError, ValueError, IndexError):
@@ -317,13 +317,13 @@ def _process_start(process: int) -> int:
 
 @final
 class _Commander:
-    """The process behind a claim; `alive` until it ends."""
+    """Process of a claim; `alive` until it ends."""
 
     def __init__(self, claim: Claim) -> None:
         self.name, self._descriptor = f"process {claim.process}", -1
         with suppress(OSError):
             descriptor = os.pidfd_open(claim.process)
-            # After the descriptor: now the number cannot become another process's.
+            # After the descriptor is open, the PID cannot be reused by another process.
             own = Path(f"/proc/{claim.process}").stat().st_uid == os.geteuid()
             if own and _process_start(claim.process) == claim.start:  # safety: native-commander-exists
                 self._descriptor = descriptor
@@ -346,20 +346,20 @@ class _Commander:
 
 
 # --------------------------------------------------------------------------------------------------
-# The server: the newest row into the file, the newest command out of it.
+# Server: writes the newest row into the file, and reads the newest command from it.
 
 
 _LOOK = 2e-4  #: polling interval [s]
-_REPORT = 0.5  #: between two reports of who commands [s]
+_REPORT = 0.5  #: interval between two reports of the commanding program [s]
 _MAX_NAME = 40  #: characters of a program's name, without its number
 _TRIES = 5
-_OPENED = (_COMMAND_AT + COMMAND["opened"][0]) // 8  # word: when a program opened the device first; 0: none has
-_LEAST_COSINE = 1e-3  #: of half a gripper's angle, where its opening says nothing of the rate of the angle
+_OPENED = (_COMMAND_AT + COMMAND["opened"][0]) // 8  # word: time of the first opening; 0: none
+_LEAST_COSINE = 1e-3  #: sine of half the gripper's angle below which the opening does not determine the angular rate
 
 
 @final
 class NativeServer:
-    """Writes the rows of `served` into the mapped file behind `descriptor`, and commands what is written there."""
+    """Writes the rows of `served` into the mapped file `descriptor`, and forwards the commands in it."""
 
     def __init__(self, served: ServedDevice, descriptor: int, scale: float | None = None) -> None:
         self.served = served
@@ -386,14 +386,14 @@ class NativeServer:
         self._claim, self._session, self._sequence = 0, 0, 0
         self._commander: _Commander | None = None
         self._commands, self._counted_at, self._counted = 0, monotonic(), 0
-        self._changed = False  # who commands, since the last report
+        self._changed = False  # commanding programs since the last report
         self.program = ""  #: that commands
-        self.refused = 0  #: commands that were none: numbers that are not finite, processes that do not exist
+        self.refused = 0  #: invalid commands: non-finite numbers, processes that do not exist
         self._write_facts()
         self.publish()
 
     def poll(self) -> None:
-        """Publish the newest row if there is a newer one, and hand on what was commanded."""
+        """Publish a new row, and forward a new command."""
         if self.served.tick_count != self._tick:
             self.publish()
         self._take()
@@ -405,7 +405,7 @@ class NativeServer:
         rate = float(served.facts["rate_hz"])
         simulated = SIMULATED if served.facts["driver"] == "sim" else 0
         loop = SampledLoop(1 / rate, _PROGRAM_DELAY, 1 / rate)
-        # A program's spring acts on what the world acts on, which moves by less than the hand by the lever.
+        # A program's spring acts on the object, which moves less than the hand by the lever ratio.
         stiffness = min(hardware.lever**2 * loop.largest(GRIPS["light"]), hardware.stiffness) / self._placement.scale
         gripper, limits = hardware.gripper, self._find_limits()
         values: dict[str, Any] = {
@@ -421,10 +421,10 @@ class NativeServer:
         }  # fmt: skip
         for name, value in values.items():
             self._store(0, FACTS[name], value)
-        self._words[FACTS["magic"][0] // 8] = _MAGIC  # the last: a library that sees it sees all
+        self._words[FACTS["magic"][0] // 8] = _MAGIC  # last: a library that reads it reads all
 
     def _find_limits(self) -> tuple[float, float, float]:
-        """What the world lets through of clients' forces [N], torques [N·m] and gripper forces [N]."""
+        """Limits of the world on clients' forces [N], torques [N·m] and gripper forces [N]."""
         world = self.served.world
         values = world.get("values" if world.get("name") == "remote" else "remote") or {}
         stated = [values.get(name) for name in ("limit", "torque_limit", "gripper_limit")]
@@ -443,7 +443,7 @@ class NativeServer:
             cells[first + i] = one
 
     def publish(self) -> None:
-        """Write the newest row as the state that programs read."""
+        """Write the newest row as the state for programs."""
         served = self.served
         self._tick = served.tick_count
         row = served.latest()
@@ -476,13 +476,13 @@ class NativeServer:
         return min(max((warmest - heat.ambient) / (heat.derate - heat.ambient), 0.0), 1.0)
 
     def _find_rendered(self, n: list[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Force (3,) [N] and torque (3,) [N·m] that are rendered, on what the program moves."""
+        """Rendered force (3,) [N] and torque (3,) [N·m] on the object that the program moves."""
         at = self._at
         wrench = _finite(n[at["force"]])
         if self._direct:
             part = n[at["part"].start]
             pushes, turns = float(part != 1.0), float(part != 0.0 and self._hardware.torque > 0.0)
-        else:  # the wrench of the world, as far as guard and clutch pass it on
+        else:  # the world's wrench as passed by guard and clutch
             gain, (moving, turning) = _finite([n[at["gain"].start]])[0], _finite(n[at["share"]])
             pushes, turns = gain * moving, gain * turning
         return tuple(pushes * one for one in wrench[:3]), tuple(turns * one for one in wrench[3:])
@@ -508,7 +508,7 @@ class NativeServer:
         return angles + (0.0,) * (_JOINTS - 3)
 
     def _note_pose(self, n: list[float]) -> None:
-        """Keep the last pose that was valid, and its velocity; a target's is the way since the row before."""
+        """Store the last valid pose and its velocity; that of a target is its displacement since the previous row."""
         at = self._at
         if not self._known:
             self._p = self._placement.centre
@@ -602,7 +602,7 @@ class NativeServer:
         return self._changed
 
     def report(self, address: str) -> None:
-        """Publish which program commands, and which ones did."""
+        """Publish the commanding program, and the previous ones."""
         now, self._changed = monotonic(), False
         rate = (self._commands - self._counted) / max(now - self._counted_at, 1e-3)
         self._counted, self._counted_at = self._commands, now
@@ -619,15 +619,14 @@ class NativeServer:
 def _find_rate(
     before: tuple[float, float, float, float], now: tuple[float, float, float, float], dt: float
 ) -> tuple[float, float, float]:
-    """(3,) angular velocity [rad/s] between two orientations (x, y, z, w) `dt` [s] apart, by the small turn of one
-    tick.
+    """Angular velocity (3,) [rad/s] between two orientations (x, y, z, w) `dt` [s] apart, for a small rotation.
 
     >>> [round(one, 3) for one in _find_rate((0, 0, 0, 1), (0, 0, 1e-3, 1), 1e-3)]
     [0.0, 0.0, 2.0]
     """
     x, y, z, w = before
     a, b, c, d = now
-    # The vector part of now times the inverse of before; its sign is that of the shorter way.
+    # Vector part of now times the inverse of before; its sign is that of the shorter rotation.
     turn = (w * a - d * x - (b * z - c * y), w * b - d * y - (c * x - a * z), w * c - d * z - (a * y - b * x))
     factor = math.copysign(2.0 / dt, x * a + y * b + z * c + w * d)
     return factor * turn[0], factor * turn[1], factor * turn[2]
@@ -642,7 +641,7 @@ def _finite(numbers: list[float]) -> tuple[float, ...]:
 
 
 # --------------------------------------------------------------------------------------------------
-# Where programs find it: a folder that only this account can open, one file a run.
+# Location for programs: a folder that only this account can open, one file per run.
 
 
 _FORM = "native[:SCALE]"
@@ -650,7 +649,7 @@ _SCALE_MOST = 1000.0
 
 
 def device_folder() -> Path:
-    """The folder of this account's devices, made if it is not there. InputError if another account has its place."""
+    """Return the folder of this account's devices, created if missing. InputError if it belongs to another account."""
     refused = []
     for parent in folders():
         folder = parent / f"haptorb-native-{os.geteuid()}"
@@ -673,14 +672,14 @@ def _remove_stale(folder: Path) -> None:
         with suppress(OSError):
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # its server would hold it
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # its server would hold the lock
                 path.unlink()
             finally:
                 os.close(descriptor)
 
 
 def prepare(where: str) -> ServerPreparation:
-    """The file, locked for as long as a process of this run has it open; `where` is the scale of a program's metres."""
+    """Create the file, locked while a process of this run has it open; `where` is the scale of a program's metres."""
     import fcntl  # not at the top: Windows has none
 
     scale = None
