@@ -72,7 +72,7 @@ class ArrayPoint(NamedTuple):
 
 @final
 class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
-    """Error model of `device` for forces of `asked` [N], with `sources`; a tracker measures the pose."""
+    """Error model of `device` for commanded forces of `asked` [N], with `sources`; a tracker measures the pose."""
 
     unit, jnd, motion, estimator = "N", FORCE_JND, "at rest", "tracker"
     regions = ("in contact", "lower half of the space", "upper half of the space")
@@ -180,8 +180,8 @@ def array_errors(
 ) -> ArrayErrors:
     """Error model of `device` for forces of `asked` [N]; None: half of the smallest peak force in its workspace.
 
-    Raises InputError for a force that the coils cannot give everywhere, and for a calibration, which arrays do not
-    have; UnknownName for another estimator than "tracker".
+    Raises InputError for a force that is not feasible everywhere, and for a calibration, which arrays do not have;
+    UnknownName for another estimator than "tracker".
     """
     if calibration is not None:
         raise InputError(f"device '{device.name}' is a {device.kind.title}; a calibration is for electromagnets")

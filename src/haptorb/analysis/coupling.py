@@ -1,10 +1,10 @@
 """Virtual coupling of a scene: the largest stiffness that loop, hand and coupled body allow.
 
 The hand feels the coupling, whatever the scene does behind it; in the worst case the scene does not yield. So the
-coupling is a spring and a damper against a wall, and `SampledLoop` says exactly how strong they may be. They are made
-`ENOUGH` times weaker than that. Behind the coupling the body must stay calm, too: its step is explicit, so the damper
-is at most `_SLOW` of what would stop it within one step of the scene. While the scene's time is slower, the damper may
-increase (`haptorb.worlds.scene_physics`), as far as the same loop allows.
+coupling is treated as a spring and a damper against a wall, and `SampledLoop` gives their exact stability limit, from
+which they have a margin of `ENOUGH`. The coupled body must be stable too: its time step is explicit, so the damper
+dissipates at most the share `_SLOW` of its momentum in one step of the scene. While the scene runs in slow time, the
+damper may increase (`haptorb.worlds.scene_physics`), within the limits of the same loop.
 """
 
 from __future__ import annotations
@@ -52,9 +52,11 @@ __all__ = [
 class HeldMover:
     """Hand and mover combined.
 
-    grip            where the motion of the loop is counted: of a rotor, about its centre [kg·m², N·m·s, N·m]
-    move, turn      what a stiffness along, or about, the axes of a scene counts there as; turn 0: no torque is rendered
-    strongest       force of the device on the mover, which a coupling must not reach too soon [N]; inf: does not matter
+    grip            in the coordinates of the loop: of a rotor, about its centre [kg·m², N·m·s, N·m]
+    move, turn      factors from a stiffness along, or about, the axes of a scene to these coordinates; turn 0: no
+    torque
+                    is rendered
+    strongest       maximum force of the device on the mover [N], for the minimum displacement; inf: no limit
     """
 
     grip: HandGrip
@@ -66,20 +68,20 @@ class HeldMover:
 @device_function
 @singledispatch
 def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
-    """`hand` on the mover of `device`, by its kind. Raises InputError for a kind that cannot be coupled to a scene."""
+    """Combine `hand` and mover of `device`, by its kind. InputError for a kind that cannot be coupled to a scene."""
     raise InputError(f"device '{device.name}' ({device.kind.title}) has neither a tool nor a rotor for a scene")
 
 
 @hold_mover.register(CoilArray)
 @hold_mover.register(SphericalElectromagnet)
 def hold_tool(device: SphericalElectromagnet | CoilArray, hand: HandGrip) -> HeldMover:
-    """`hand` on a tool that renders forces."""
+    """Combine `hand` and a tool that renders forces."""
     return HeldMover(hand.with_mass(device.tool.mass), strongest=device.limits.force)
 
 
 @hold_mover.register(Arm)
 def hold_arm(device: Arm, hand: HandGrip) -> HeldMover:
-    """`hand` on an arm's end effector; with an actuated orientation, at the lever arm of the fingers."""
+    """Combine `hand` and an arm's end effector; with an actuated orientation, at the lever arm of the fingers."""
     square = device.turning_arm**2
     held = hand.with_mass(device.effector.mass)
     turn = device.effector.mass * square / device.effector.inertia if square else 0.0
@@ -88,7 +90,7 @@ def hold_arm(device: Arm, hand: HandGrip) -> HeldMover:
 
 @hold_mover.register(SphericalMotor)
 def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
-    """`hand` on a handle, which moves an object in both modes by the default gains."""
+    """Combine `hand` and a handle that moves an object in both modes by the default gains."""
     arm, gains = device.rotor.handle_length, MOTOR_GAINS
     inertia = float(device.rotor.inertia[0]) + hand.mass * arm**2
     grip = HandGrip(inertia, hand.damping * arm**2, hand.stiffness * arm**2)
@@ -113,8 +115,8 @@ _MAX_STIFFNESS, _MAX_TURN_STIFFNESS = 5e3, 20.0  #: limits on the stiffness of a
 class Coupling:
     """Stiffness [N/m] and damping [N·s/m] along each axis, and about it [N·m/rad], [N·m·s/rad]; 0: none.
 
-    margin   by how much both could be stronger before the loop oscillates against a wall
-    limit    what holds the stiffness back: "loop" or "body"
+    margin   factor on both at which the loop would oscillate against a wall
+    limit    cause of the limit on the stiffness: "loop" or "body"
     """
 
     stiffness: float
@@ -128,7 +130,7 @@ class Coupling:
 def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandGrip) -> Coupling:
     """Coupling of `scene` on `device` in a loop, for `hand` alone; the mover is added here.
 
-    Raises InputError for a device of a kind that has neither tool nor rotor.
+    Raises InputError for a kind of device with neither tool nor rotor.
     """
     # A body that cannot rotate, or only with others, is no reason for a very large damper.
     mass, inertia = (min(one, most) for one, most in zip(scene.effective_inertia, _MAX_INERTIA, strict=True))
@@ -143,8 +145,8 @@ def choose_coupling(scene: Scene, device: Device, loop: SampledLoop, hand: HandG
 
 
 def couple_world(world: World, device: Device, loop: SampledLoop, hand: HandGrip = GRIPS["light"]) -> World:
-    """`world` with the coupling of every scene in it chosen, where its stiffness is 0, and the dampers for slower time;
-    other worlds are unchanged."""
+    """Return `world` with the coupling of every scene whose stiffness is 0, and the dampers for slow time; other worlds
+    are unchanged."""
     if isinstance(world, Sum):
         return replace(world, parts=tuple(couple_world(part, device, loop, hand) for part in world.parts))
     if not isinstance(world, Scene):
@@ -213,7 +215,7 @@ class CouplingSetting:
     """Operating conditions of `device`: `rate` [Hz], grip `hand`, pose from `estimator`.
 
     fed      poses come from a tracker with a process of its own
-    latency  of that one [s]; None: `ASSUMED`
+    latency  of that tracker [s]; None: `ASSUMED`
     """
 
     device: Device
@@ -245,7 +247,7 @@ class CouplingSetting:
         return SampledLoop.of(self.rate, None, late, float(np.max(coils.inductance / coils.resistance)), theta)
 
     def couple(self, world: World) -> World:
-        """`world` with the coupling of its scenes chosen, where it is not set; other worlds are unchanged."""
+        """Return `world` with the coupling of its scenes where it is not set; other worlds are unchanged."""
         return couple_world(world, self.device, self.loop, self.hand) if _has_scene(world) else world
 
     def describe(self, world: World) -> str:

@@ -1,7 +1,7 @@
 """Error budget of a device: sources of error, error model, Monte Carlo propagation and sensitivity indices.
 
-A trial is one device as it could be, at one place. Every source draws from the standard normal distribution and changes
-the trial by its standard uncertainty times what was drawn. So a new source is one row of a table.
+A trial is one possible device at one place. Every source draws standard normal deviates and changes the trial by its
+standard uncertainty times these. So a new source is one row of a table.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class ErrorSource(Generic[T]):
     standard : str
         Standard uncertainty with unit, as text.
     origin : str
-        Where the uncertainty comes from: "device file", "assumed", "default" or "calibration".
+        Origin of the uncertainty: "device file", "assumed", "default" or "calibration".
     dimension : int
         Number of independent standard normal deviates.
     perturb : callable
-        Changes a trial, a device as it could be, by the standard uncertainty times standard normal deviates:
+        Changes a trial, one possible device, by the standard uncertainty times standard normal deviates:
         `perturb(deviates, trial)` with the deviates (dimension,) [1] and the trial, which is changed in place.
     """
 
@@ -74,15 +74,15 @@ class ErrorModel(ABC, Generic[T, P]):
     """Device, sources of error, and the chain from the commanded to the delivered wrench.
 
     device      its name
-    estimator   how the controller knows where the mover is
+    estimator   of the mover's pose
     sources     of error, independent of each other
-    regions     names of the parts of the workspace, each with its own budget
+    regions     names of the regions of the workspace, each with its own budget
     components  of the error
     unit        "N" or "N·m"
     jnd         just-noticeable difference, relative
-    asked       magnitude of the wrench asked for [N or N·m]; its direction is drawn from all directions
-    motion      how it changes, in words
-    left_out    known error of the model that the budget does not contain, a sentence; empty: none is known
+    asked       magnitude of the commanded wrench [N or N·m]; its direction is random
+    motion      its change over time, in words
+    left_out    known error of the model that is not in the budget, a sentence; empty: none
     """
 
     device: str
@@ -149,7 +149,7 @@ class WrenchBand:
 
     low, high  (c,) bounds of the 95 % interval of every component [N or N·m]
     standard   (c,) combined standard uncertainty of every component [N or N·m]
-    size       95 % of all errors are no longer than this [N or N·m]
+    size       95 % quantile of the errors' norm [N or N·m]
     """
 
     region: str
@@ -167,12 +167,12 @@ class WrenchBand:
 class SourceShare:
     """Contribution of one source.
 
-    alone        95 % of the errors are no longer than this if everything else is exact [N or N·m]
-    first_order  its share of the variance by itself: first-order Sobol index
-    total        share that would vanish if it were known exactly: total Sobol index
+    alone        95 % quantile of the errors' norm if everything else is exact [N or N·m]
+    first_order  share of the variance caused by it alone: first-order Sobol index
+    total        share of the variance that would vanish without it: total Sobol index
     first_order_interval, total_interval
                  95 % intervals of the two estimates, bootstrapped over the devices. An estimate from samples may be
-                 negative, or its first-order index above its total one: they differ by less than their intervals
+                 negative, or its first-order index above its total one, within these intervals
     """
 
     name: str
@@ -203,7 +203,7 @@ class ErrorBudget:
     left_out: str = ""
 
     def count_jnd(self, size: float) -> float:
-        """An error `size` [N or N·m] in just-noticeable differences of the commanded wrench."""
+        """Express an error `size` [N or N·m] in just-noticeable differences of the commanded wrench."""
         return size / (self.jnd * self.asked)
 
 
@@ -304,7 +304,7 @@ _SHARE = 0.5  #: of the smallest peak wrench: the default magnitude
 def choose_size(device: str, asked: float | None, most: float, unit: str) -> float:
     """Magnitude of the commanded wrench [N or N·m]; `most` is feasible everywhere in every direction.
 
-    None: half of the most, to one digit. Raises InputError for none or for more than can be given.
+    None: half of `most`, to one digit. Raises InputError for zero or for more than `most`.
 
     >>> choose_size("omni", None, 0.136, "N")
     0.07
@@ -314,7 +314,7 @@ def choose_size(device: str, asked: float | None, most: float, unit: str) -> flo
         return float(f"{np.round(_SHARE * most / digit) * digit:.1g}")
     if not 0.0 < asked <= most:
         raise InputError(
-            f"device '{device}' gives at most {format_quantity(most, unit)} in every direction everywhere in its "
+            f"device '{device}' produces at most {format_quantity(most, unit)} in every direction everywhere in its "
             f"workspace; an error budget needs a wrench above 0 and up to that, got {asked:g} {unit}"
         )
     return asked

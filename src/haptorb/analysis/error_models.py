@@ -31,7 +31,7 @@ def error_model(
     """Error model of `device` for a commanded wrench of `asked` [N or N·m], by its kind.
 
     None: half of the smallest peak in the workspace, the default estimator, no calibration. Raises InputError for a
-    kind without an error model, and for what the device cannot give or have; UnknownName for another estimator.
+    kind without an error model, and for an infeasible wrench or option; UnknownName for another estimator.
     """
     raise unsupported(device, "`haptorb inspect --errors`", error_model)
 
@@ -40,7 +40,7 @@ def error_model(
 def _(
     device: Arm, asked: float | None = None, estimator: str | None = None, calibration: Calibration | None = None
 ) -> ErrorModel[Any, Any]:
-    """None: raises InputError with what is known of an arm's errors."""
+    """Raise InputError, which lists the known errors of an arm."""
     step, supply, per_ampere = device.encoder.step, device.supply, device.force_per_ampere
     raise InputError(
         f"there is no error budget of '{device.name}': the file of a haptic arm states no tolerances. Known are steps "

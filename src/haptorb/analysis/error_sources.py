@@ -37,7 +37,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# A row of a table of sources: its effect on a trial, for an amount of the standard uncertainty times deviates.
+# Rows of a table of sources: the effect on a trial of an amount, the standard uncertainty times deviates.
 
 
 Effect = Callable[[Any, Array], None]  #: changes a trial by an amount, of the shape of the standard uncertainty
@@ -46,10 +46,10 @@ Effect = Callable[[Any, Array], None]  #: changes a trial by an amount, of the s
 def source(
     name: str, standard: float | Array, unit: str, origin: str, dimension: int, effect: Effect, *, evenly: bool = False
 ) -> ErrorSource[Any]:
-    """Source of error with an `effect` on a trial; evenly: within √3 of the `standard` uncertainty, equally probable.
+    """Create a source of error with an `effect` on a trial; evenly: uniform within √3 of the `standard` uncertainty.
 
     unit: SI unit of `standard`, "1" for a relative one, "rad" for an angle in degrees, or the text to print. An array
-    (dimension,) is one standard uncertainty for each deviate, in that unit [SI].
+    (dimension,) has one standard uncertainty for each deviate, in that unit [SI].
     """
     shape = np.shape(standard) or (dimension,)
 
@@ -107,7 +107,7 @@ def spread_evenly(deviates: Array) -> Array:
 #
 # Above 2.5 % of its limit a coil's resistance is estimated from the measured current, so that this current, not the
 # true one, follows the command: errors of resistance and supply vanish, those of the current sensor remain. Below, the
-# resistance is that of the device file, and the opposite is the case.
+# resistance is that of the device file, and the opposite holds.
 
 
 _AVERAGING_TICKS = 100.0  #: ticks over which the estimated resistance averages, at 1 kHz
@@ -177,7 +177,7 @@ def find_origin(device: Device, known: ChainUncertainty, key: str, section: str 
 
 
 def describe_share(share: float) -> str:
-    """A relative uncertainty as text.
+    """Format a relative uncertainty.
 
     >>> describe_share(0.012)
     '1.2 %'
@@ -249,7 +249,7 @@ def turn_sensors(trial: SensorTrial, angles: Array) -> None:
 def sensor_sources(device: Device, hall: FieldSensors, section: str, averaged: float) -> tuple[ErrorSource[Any], ...]:
     """Sources of the field sensors `hall` of `device` except their positions; the device file has them in `section`.
 
-    The estimator averages their noise over so many readings. All are at the temperature of their calibration.
+    The estimator averages their noise over `averaged` readings. All are at the temperature of their calibration.
     """
     errors, k = hall.errors, len(hall.positions)
 

@@ -76,7 +76,7 @@ class MotorPoint(NamedTuple):
 
 @final
 class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
-    """Error model of `device` for torques of `asked` [N·m], with `sources`.
+    """Error model of `device` for commanded torques of `asked` [N·m], with `sources`.
 
     estimator: "least-squares" (the field sensors) or "tracker".
     """
@@ -210,8 +210,8 @@ def motor_errors(
 ) -> MotorErrors:
     """Error model of `device` for torques of `asked` [N·m]; None: half of the smallest peak torque in its workspace.
 
-    Raises InputError for a torque that the coils cannot give everywhere, and for a calibration, which motors do not
-    have; UnknownName for another estimator.
+    Raises InputError for a torque that is not feasible everywhere, and for a calibration, which motors do not have;
+    UnknownName for another estimator.
     """
     if calibration is not None:
         raise InputError(f"device '{device.name}' is a {device.kind.title}; a calibration is for electromagnets")
@@ -240,7 +240,7 @@ def motor_errors(
     made = MotorErrors(device, choose_size(device.name, asked, most, "N·m"), sources, chosen)
     if device.regulator is not None:
         made.left_out = (
-            "coils pull on the regulator's ring too, which no model counts: at most "
+            "coils pull on the regulator's ring too, which the model neglects: at most "
             f"{100 * measure_ring_pull(device):.0f} % of a coil's greatest torque on the magnets"
         )
     return made

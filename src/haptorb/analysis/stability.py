@@ -1,12 +1,12 @@
 """Stability of a sampled loop with delay: passivity bound, delay bound, and the exact stability boundary for a hand.
 
-A hand (mass m, damping b, stiffness k) in a world of stiffness K and damping B: m ẍ + b ẋ + k x = f. Poses are taken
-every `period`, become a force `delay` later, and that force is held. Three answers to how great K may be:
+A hand (mass m, damping b, stiffness k) in a world of stiffness K and damping B: m ẍ + b ẋ + k x = f. Poses are measured
+every `period`, become a force after `delay`, and that force is held. Three criteria for the maximum K:
 
 1. passive with any hand if b > K T/2 + |B| (Colgate and Schenkel 1997): a bound, not a boundary, and without delay;
-2. stable, roughly, if K < (b + B)/(T/2 + t_d) (Gil et al. 2009): holds while the oscillation is slow against the delay;
+2. stable, approximately, if K < (b + B)/(T/2 + t_d) (Gil et al. 2009): for oscillations slow compared with the delay;
 3. stable if no eigenvalue of the loop over one period leaves the unit circle: exact for this hand, with the sampling,
-   the delay as any part of a period, the velocity from the difference of two poses, and the currents' own course.
+   any delay, also fractions of a period, the velocity from the difference of two poses, and the currents' dynamics.
 """
 
 from __future__ import annotations
@@ -100,9 +100,9 @@ GRIPS = {
 
 
 def check_grip(text: str) -> HandGrip:
-    """The grip with the name `text`, or with its three numbers MASS,DAMPING,STIFFNESS.
+    """Return the grip with the name `text`, or with its three numbers MASS,DAMPING,STIFFNESS.
 
-    Raises UnknownName for what is neither.
+    Raises UnknownName for any other text.
 
     >>> check_grip("firm").damping, check_grip("0.2,3,50").mass
     (10.0, 0.2)
@@ -129,9 +129,9 @@ class SampledLoop:
     Parameters
     ----------
     period : float
-        Time between two poses that are used [s]: of the tracker, or of the servo if that is slower.
+        Interval between two poses in use [s]: of the tracker, or of the servo if that is slower.
     delay : float
-        Time from the measurement of a pose to the beginning of its force [s].
+        Time from the measurement of a pose to the start of its force [s].
     ramp : float
         Time in which the drive changes a current from one commanded value to the next [s]: a tick of the servo.
     time_constant : float
@@ -199,8 +199,8 @@ class SampledLoop:
         Returns
         -------
         SampledLoop
-            The loop. With a tracker that has a clock of its own a pose waits for the next tick: on average half of the
-            shorter period. If one rate is a multiple of the other, every pose waits for the same part of it.
+            The loop. With a tracker on its own clock a pose waits for the next tick: on average half of the shorter
+            period. If one rate is a multiple of the other, every pose waits for the same fraction of it.
 
         Raises
         ------
@@ -252,7 +252,7 @@ class SampledLoop:
     def delay_bound(self, damping: float, world_damping: float = 0.0) -> float:
         """Compute the largest stiffness by the approximate condition with delay: (b + B)/(T/2 + t_d).
 
-        Gil et al. 2009; valid while the oscillation is slow against the delay.
+        Gil et al. 2009; valid for oscillations slow compared with the delay.
 
         Parameters
         ----------
@@ -276,7 +276,7 @@ class SampledLoop:
         grip : HandGrip
             Hand that holds the tool.
         stiffness : complex
-            Stiffness of the world [N/m]; complex for a pair of eigenvalues of a force field that is no gradient.
+            Stiffness of the world [N/m]; complex for a pair of eigenvalues of a non-conservative force field.
         world_damping : float
             Damping of the world [N·s/m].
 
@@ -302,8 +302,8 @@ class SampledLoop:
         Returns
         -------
         float
-            Factor [1]; with stiffness 1 and no damping it is the largest stiffness itself [N/m]. Infinite if none is
-            too large.
+            Factor [1]; with stiffness 1 and no damping it is the largest stiffness itself [N/m]. Infinite if there is
+            no limit.
         """
         scale = max(abs(stiffness), abs(world_damping) * 10.0)  # a damper at 10 rad/s is as strong as a spring of 10 B
         if scale == 0.0:
@@ -330,8 +330,8 @@ class SampledLoop:
     def _map(self, grip: HandGrip, K: complex, B: float) -> NDArray[Any]:
         """State transition over one period, from the start of one force to the next; (n, n).
 
-        The state is x, v, the force that acted until now, the last pose, the forces that are on their way, and the
-        filter's place and velocity. Without a filter the velocity is the difference of two poses.
+        The state is x, v, the present force, the last pose, the delayed forces, and the filter's position and velocity.
+        Without a filter the velocity is the difference of two poses.
         """
         late = math.ceil(self.delay / self.period - 1e-9)
         sampled = max(late * self.period - self.delay, 0.0)  # sampling time of the pose within the period
@@ -396,7 +396,7 @@ def _transition(grip: HandGrip, time_constant: float, dt: float) -> Array:
 # Stiffness and damping of a world: numerical derivatives of its wrench by position and velocity over a workspace.
 #
 # A restoring spring counts as positive stiffness: sampling and delay can make it oscillate. Negative stiffness repels,
-# as at the top of a dome; that a hand can slip off there is intended.
+# as at the top of a dome, where the hand is meant to slip off.
 
 
 #: (3,) force at a position (3,), with a velocity (3,), at a time [s]
@@ -414,7 +414,7 @@ _MIN_JUMP_N = 1e-3  #: discontinuity below which it is not perceptible [N]
 class Steepness:
     """Stiffness and damping at one position, along one direction.
 
-    A complex stiffness is an eigenvalue of a force field that is no gradient: it also turns what it pushes.
+    A complex stiffness is an eigenvalue of a non-conservative force field, with a rotational part.
     """
 
     stiffness: complex  #: [N/m]
@@ -426,9 +426,9 @@ class Steepness:
 class Steepest:
     """Maximum stiffness and damping of a world, with their positions.
 
-    candidates   where the loop may be nearest to its limits: the strongest springs, dampers and pushing dampers
-    away         the greatest stiffness that pushes away [N/m]
-    jump         the greatest jump of the force [N]: there no gradient exists
+    candidates   most critical for the loop: the strongest springs, dampers and negative dampers
+    away         largest repelling stiffness [N/m]
+    jump         largest discontinuity of the force [N], at which no gradient exists
     """
 
     candidates: tuple[Steepness, ...]
@@ -449,9 +449,9 @@ class Steepest:
 def steepest(
     field: Field, places: Array, inside: Callable[[Array], bool] = lambda p: True, *, seed: int = 0, keep: int = 12
 ) -> Steepest:
-    """Evaluate `places` (n, 3) [m], climb from the steepest within `inside`, and return the `keep` most critical ones.
+    """Evaluate `places` (n, 3) [m], maximise locally within `inside`, and return the `keep` most critical ones.
 
-    Where `field` jumps the change is no slope; jumps are measured, also between the places, and left out.
+    Discontinuities of `field` are not slopes; they are measured, also between the places, and excluded.
     """
     rng = np.random.default_rng(seed)
     times = rng.uniform(0.0, 10.0, len(places))

@@ -1,4 +1,4 @@
-"""Where a device's mover can be, and what a world asks of it there, in the coordinates in which a hand holds it."""
+"""Workspace of a device's mover, and the force field of a world in it, in the coordinates of the hand."""
 
 from __future__ import annotations
 
@@ -42,23 +42,23 @@ __all__ = [
 
 _WORKSPACE_PLACES = 400
 _POSES = 200
-_LEAN = np.radians(70.0)  #: of a tool from how it mostly stands
+_LEAN = np.radians(70.0)  #: tilt of a tool from its usual orientation
 _UPRIGHT, _WORKSPACE_STILL = np.eye(3), np.zeros(3)
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """What the analysis needs of a device.
+    """Workspace of a device for the analysis.
 
-    places   (n, 3) all over the workspace: [m] of a tool, ψ, λ, φ [rad] of a rotor
+    places   (n, 3) sample of the workspace: [m] of a tool, ψ, λ, φ [rad] of a rotor
     inside   whether a place belongs to it
     force    "N" or "N·m"
     length   "m" or "rad"
-    grip     a grip as it is met in these coordinates, with the mover in it
-    field    what a world asks at a place
-    poses    () → places (3,) [m] and rotations (3, 3) of a tool that leans any way, where a world's torque is looked at
+    grip     impedance of a grip in these coordinates, including the mover
+    field    force field of a world
+    poses    () → places (3,) [m] and rotations (3, 3) of a tool tilted in any direction, for the torque of a world
     turning_grip
-             a grip as a tool meets it that turns about its magnet: at the arm at which its fingers hold it
+             rotational impedance of a grip about the tool's magnet: at the lever arm of the fingers
     """
 
     places: Array
@@ -74,19 +74,19 @@ class Workspace:
 @device_function
 @singledispatch
 def workspace(device: Device) -> Workspace:
-    """The workspace of `device`, by its kind. Raises InputError for a kind that does not state it."""
+    """Return the workspace of `device`, by its kind. Raises InputError for a kind without one."""
     raise unsupported(device, "`haptorb check --world`", workspace)
 
 
 @workspace.register(SphericalElectromagnet)
 def shell_workspace(device: SphericalElectromagnet) -> Workspace:
-    """The shell over a dome, where a hand moves a tool [m]."""
+    """Shell over a dome in which a hand moves a tool [m]."""
     return _go_over_dome(device, device.contact_distance, device.shell_thickness, device.workspace_half_angle)
 
 
 @workspace.register(CoilArray)
 def array_workspace(device: CoilArray) -> Workspace:
-    """Where a hand moves the tool of a coil array [m]: over its dome, radially, or over its plate, upright."""
+    """Workspace of the tool of a coil array [m]: radial over its dome, or upright over its plate."""
     surface, near = device.surface, device.contact_height
     if surface.is_dome:
         return _go_over_dome(device, near, surface.thickness, surface.half_angle)
@@ -95,7 +95,7 @@ def array_workspace(device: CoilArray) -> Workspace:
     places = np.column_stack(
         [rng.uniform(-side, side, (_WORKSPACE_PLACES, 2)), rng.uniform(near, far, _WORKSPACE_PLACES)]
     )
-    places[::4, 2] = near  # a tool mostly touches
+    places[::4, 2] = near  # a tool is mostly in contact
 
     def contains(p: Array) -> bool:
         return bool((np.abs(p[:2]) <= side).all() and near <= p[2] <= far)
@@ -112,7 +112,7 @@ def array_workspace(device: CoilArray) -> Workspace:
 
 @workspace.register(Arm)
 def arm_workspace(device: Arm) -> Workspace:
-    """Where the end effector of an arm can be [m]; the arm's dry friction is left out."""
+    """Workspace of the end effector of an arm [m]; the arm's dry friction is neglected."""
     rng, half = np.random.default_rng(0), np.array(device.workspace.half)
     places = rng.uniform(-half, half, (8 * _WORKSPACE_PLACES, 3))
     ends = np.vstack([np.diag(half), -np.diag(half)])
@@ -144,7 +144,8 @@ def arm_workspace(device: Arm) -> Workspace:
 def _go_over_dome(
     device: SphericalElectromagnet | CoilArray, near: float, thickness: float, half_angle: float
 ) -> Workspace:
-    """A radial tool at `near` to `near` + `thickness` [m] from the centre, up to `half_angle` [rad] from the summit."""
+    """Workspace of a radial tool at `near` to `near` + `thickness` [m] from the centre, up to `half_angle` [rad] from
+    the summit."""
     rng = np.random.default_rng(0)
     far, lowest = near + thickness, float(np.cos(half_angle))
     z, around = rng.uniform(lowest, 1.0, _WORKSPACE_PLACES), rng.uniform(0, 2 * np.pi, _WORKSPACE_PLACES)
@@ -152,7 +153,7 @@ def _go_over_dome(
     directions = np.column_stack([flat * np.cos(around), flat * np.sin(around), z])
     distances = np.where(
         np.arange(_WORKSPACE_PLACES) % 4 == 0, near, rng.uniform(near, far, _WORKSPACE_PLACES)
-    )  # a tool mostly touches
+    )  # a tool is mostly in contact
 
     def contains(p: Array) -> bool:
         d = float(np.linalg.norm(p))
@@ -178,7 +179,7 @@ def _go_over_dome(
 
 
 def turn(q: Array, R: Array) -> Array:
-    """(3, 3): R turned by the rotation vector q (3,) [rad]."""
+    """Rotate R (3, 3) by the rotation vector q (3,) [rad]."""
     out = np.empty((3, 3))
     turn_by(float(q[0]), float(q[1]), float(q[2]), np.ascontiguousarray(R), out)
     return out
@@ -191,7 +192,7 @@ def _draw_lean(draw: np.random.Generator) -> Array:
 
 
 def _ask_force(world: World, device: Device, stand: Callable[[Array], Array]) -> Field:
-    """The force of `world` on a tool that stands at each place as `stand` says."""
+    """Force of `world` on a tool with the orientation `stand` at each place."""
     fitted = world.for_device(device)
 
     def force(p: Array, v: Array, t: float) -> Array:
@@ -206,7 +207,7 @@ def _hold(device: SphericalElectromagnet | CoilArray) -> Callable[[HandGrip], Ha
 
 
 def _hold_turning(device: SphericalElectromagnet | CoilArray) -> Callable[[HandGrip], HandGrip]:
-    """Damping and stiffness of a grip times the square of the arm at which fingers hold the tool."""
+    """Damping and stiffness of a grip times the square of the lever arm of the fingers on the tool."""
     hand = device.hand
     square = hand.turn_damping / hand.damping if hand.damping > 0.0 else 0.0
     inertia = float(device.tool.inertia[0])
@@ -215,7 +216,7 @@ def _hold_turning(device: SphericalElectromagnet | CoilArray) -> Callable[[HandG
 
 @workspace.register(SphericalMotor)
 def tilt_workspace(device: SphericalMotor) -> Workspace:
-    """Translational mode with the default gains, eq. (6b): the target moves with the tilts, its force comes back."""
+    """Workspace in mode translate with the default gains, eq. (6b): tilts move the target, its force is fed back."""
     rng = np.random.default_rng(0)
     tilt = device.workspace_tilt
     zeta, (eta_psi, eta_lam, eta_phi) = MOTOR_GAINS.translate, MOTOR_GAINS.translate_torque or (0.0, 0.0, 0.0)
@@ -243,29 +244,29 @@ def tilt_workspace(device: SphericalMotor) -> Workspace:
 
 
 # --------------------------------------------------------------------------------------------------
-# From the workspace of one device into that of another: middle onto middle, with one scale.
+# Mapping from the workspace of one device to that of another: centre to centre, with one scale.
 
 
 @final
 @dataclass(frozen=True)
 class WorkspaceMapping:
-    """Positions of one device as another one has them: p' = centre' + scale (p − centre)."""
+    """Mapping of positions of one device to those of another: p' = centre' + scale (p − centre)."""
 
     centre: Array  #: (3,) middle of the first workspace [m]
     other_centre: Array  #: (3,) of the second [m]
-    scale: float  #: metres of the second for one of the first
+    scale: float  #: metres in the second workspace per metre in the first
 
     def place(self, p: Array) -> Array:
-        """(..., 3) places [m] of the second device for `p` (..., 3) [m] of the first."""
+        """Map `p` (..., 3) [m] of the first device to places (..., 3) [m] of the second."""
         found: Array = self.other_centre + self.scale * (p - self.centre)
         return found
 
 
 def map_workspaces(device: Device, other: Device) -> WorkspaceMapping | None:
-    """The mapping of the workspace of `device` into that of `other`; None where one of them has no positions.
+    """Map the workspace of `device` to that of `other`; None if one of them has no positions.
 
-    The scale is the greatest at which the box about the first workspace fits into the box about the second. Forces are
-    not scaled by it; a stiffness seems 1/scale as large, and a stability limit as well.
+    The scale is the largest at which the bounding box of the first workspace fits into that of the second. Forces are
+    not scaled; the apparent stiffness is 1/scale as large, and so is a stability limit.
     """
     boxes = []
     for one in (device, other):
@@ -281,13 +282,13 @@ def map_workspaces(device: Device, other: Device) -> WorkspaceMapping | None:
 
 
 # --------------------------------------------------------------------------------------------------
-# How steep a world with memory is to a small quick motion: bristles bend, a ball stays where it is.
+# Stiffness of a world with memory against a small fast motion: bristles bend, a ball does not move.
 #
-# Looked at from its beginning such a world may have no slope at all. So it is held at a place until it has settled, and
-# then moved a little from there, again and again with the same memory.
+# In its initial state such a world may have no slope. So it is held at a place until it has settled, and then displaced
+# slightly from there, each time with the same memory.
 
 
-_QUICK_STEEPNESS_PLACES = 120  #: of the workspace, from its first on: they are in no order
+_QUICK_STEEPNESS_PLACES = 120  #: number of places, the first ones of the workspace, which are in random order
 _HOLD = 5  #: ticks at a place before it is moved
 _QUICK_STEEPNESS_STEP = 2e-5  #: of the differences [m] or [rad]
 
@@ -295,19 +296,19 @@ _QUICK_STEEPNESS_STEP = 2e-5  #: of the differences [m] or [rad]
 @final
 @dataclass(frozen=True)
 class _SettledWorld(World):
-    """A world with memory that is moved from where it was held; `Workspace.field` takes it for a world without."""
+    """World with memory, displaced from a settled state; to `Workspace.field` it is a world without memory."""
 
     bound_world: BoundWorld | None = None
 
     def hold(self, state: State) -> None:
-        """Begin, and stay at `state` for a while."""
+        """Start the world, and hold it at `state` until it has settled."""
         assert self.bound_world is not None
         self.bound_world.restart()
         for _ in range(_HOLD):
             self.bound_world.wrench(state)
 
     def wrench(self, state: State) -> Array:
-        """(6,) at `state` [N, N·m], one tick after the place where it is held now; that memory comes back."""
+        """Return (6,) at `state` [N, N·m], one tick after the settled state, which is then restored."""
         assert self.bound_world is not None
         before = self.bound_world.numbers.copy()
         try:
@@ -318,7 +319,7 @@ class _SettledWorld(World):
 
 
 class _Holder:
-    """Stands for the world when `Workspace.field` asks at a place: hold it there."""
+    """World for `Workspace.field` that settles the world at each evaluated place."""
 
     def __init__(self, settled: _SettledWorld) -> None:
         self._settled = settled
@@ -332,8 +333,8 @@ class _Holder:
 
 
 def list_quick_steepness(device: Device, world: DynamicWorld, place: Workspace, dt: float) -> list[Steepness]:
-    """The principal stiffnesses of `world` at places all over the workspace of `device`, against a motion within one
-    tick of `dt` [s]; in the workspace's own coordinates, as `steepest` has them."""
+    """Principal stiffnesses of `world` over the workspace of `device`, against a motion within one tick of `dt` [s];
+    in the workspace's own coordinates, like those of `steepest`."""
     fitted = world.for_device(device)
     assert isinstance(fitted, DynamicWorld)
     settled = _SettledWorld(BoundWorld(fitted, dt))
@@ -353,28 +354,28 @@ def list_quick_steepness(device: Device, world: DynamicWorld, place: Workspace, 
 
 
 # --------------------------------------------------------------------------------------------------
-# A torque on a tool, as the stability of a loop meets it: how steeply it changes with the tool's orientation.
+# Rotational stiffness of a world's torque on a tool, for the stability of a loop.
 #
-# At each of many poses the coordinates are small turns of the tool about its magnet.
+# At each of many poses the coordinates are small rotations of the tool about its magnet.
 
 
-#: what the analysis of a world that asks torque leaves out
+#: effects that the analysis of a world with torque neglects
 UNJUDGED = (
     "the force that accompanies a torque, and the errors of a compromise between force and torque",
     "a torque that changes with position, and a force that changes with orientation",
 )
 
-_CLIMBS, _MAX_CANDIDATES = 4, 4  #: of the steepest poses, from which it climbs on; of candidates of each kind
+_CLIMBS, _MAX_CANDIDATES = 4, 4  #: poses that start a local search; candidates of each kind
 _TURNING_STEP = 2e-4  #: of the differences [rad]
 _RATE = 1e-2  #: of the differences by angular velocity [rad/s]
-_NOTHING = 1e-5  #: a smaller jump is nothing to be felt [N·m]
+_NOTHING = 1e-5  #: discontinuity below which it is not perceptible [N·m]
 _TURNING_STILL = np.zeros(3)
 
 
 def turning_workspace(device: Device) -> Workspace:
-    """Small turns of a tool about its magnet [rad]: units and grip; the poses are those of `steepest_turn`.
+    """Workspace of small rotations of a tool about its magnet [rad]: units and grip; `steepest_turn` has the poses.
 
-    A hand is met at the arm at which its fingers hold the tool: damping and stiffness times the arm squared.
+    The hand's damping and stiffness apply at the lever arm of the fingers: they are multiplied by its square.
     InputError for a kind of device whose workspace contains no poses of a tool.
     """
     grip = workspace(device).turning_grip
@@ -390,20 +391,20 @@ def _refuse(device: Device) -> InputError:
 
 
 def _no_field(world: World) -> Field:
-    raise InputError("the torque of a world is looked at pose by pose: `steepest_turn`")
+    raise InputError("the torque of a world is evaluated pose by pose: use `steepest_turn`")
 
 
 def steepest_turn(device: Device, world: World) -> Steepest:
-    """What is steepest of the torque of `world` in all orientations; the places are directions of the tool's axis.
+    """Find the steepest torque of `world` over all orientations; the places are directions of the tool's axis.
 
-    Differences at many poses, and from the steepest on by random steps for as long as it grows.
+    Difference quotients at many poses, followed by a random local search from the steepest ones.
     """
     fitted, rng = world.for_device(device), np.random.default_rng(1)
     found: list[Steepness] = []
     away, jump = 0.0, 0.0
 
     def linearize_at(p: Array, R: Array, t: float, moving: bool) -> float:
-        """The steepness at a pose; its strongest spring [N·m/rad]."""
+        """Append the stiffness and damping at a pose; returns its strongest spring [N·m/rad]."""
         nonlocal away, jump
 
         def torque(q: Array, rate: Array) -> Array:
@@ -450,7 +451,7 @@ def steepest_turn(device: Device, world: World) -> Steepest:
 
 
 def _turn_gradient(torque: Callable[[Array, Array], Array]) -> tuple[Array, float]:
-    """(3, 3) ∂T/∂angle [N·m/rad], axes about which it jumps left out, and the greatest jump [N·m]."""
+    """(3, 3) ∂T/∂angle [N·m/rad] without discontinuous axes, and the largest discontinuity [N·m]."""
     G, jump = np.zeros((3, 3)), 0.0
     for j in range(3):
         step = _TURNING_STEP * np.eye(3)[j]
@@ -464,7 +465,7 @@ def _turn_gradient(torque: Callable[[Array, Array], Array]) -> tuple[Array, floa
 
 
 def find_asked_part(device: Device, world: World) -> WrenchPart:
-    """What `world` asks: as it says, or what its wrenches show at many poses."""
+    """Find the rendered part of `world`: as it defines, or inferred from its wrenches at many poses."""
     if world.asks is not None:
         return world.asks
     fitted = world.for_device(device)

@@ -99,9 +99,9 @@ class Allocation:
     """Allocated currents, with the residual wrench and the limit that caused it.
 
     currents   (m,) [A]
-    residual   (6,) wrench asked for less wrench given [N, N·m]; the passive wrench counts as given
-    saturated  what holds it back: the limit at which a current stands, or what no current gives; false for nothing
-    scale      the one factor by which the wrench was cut to respect the limits; 1 where it was not cut by one factor
+    residual   (6,) requested minus delivered wrench [N, N·m]; the passive wrench counts as delivered
+    saturated  active limit, or component that no current can produce; false: none
+    scale      common factor by which the wrench was reduced to respect the limits; 1 if it was not
     """
 
     currents: Array
@@ -122,7 +122,7 @@ class Allocator(ABC):
 
 
 def check_limit(value: ArrayLike) -> Array:
-    """(m,) current limits [A], or InputError: they are magnitudes, one per channel; zero turns a channel off.
+    """Check (m,) current limits [A]: magnitudes, one per channel; zero disables a channel. Raises InputError.
 
     >>> check_limit([3, 0]).tolist()
     [3.0, 0.0]
@@ -136,9 +136,9 @@ def check_limit(value: ArrayLike) -> Array:
 
 
 def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Array:
-    """(m,) resistances [Ω] for the heat Σ R i², all equal where None are given, checked with the `power` limit [W].
+    """Check (m,) resistances [Ω] for the heat Σ R i² (None: all equal), together with the `power` limit [W].
 
-    Raises InputError for another shape, for what is not positive, and for a power without resistances.
+    Raises InputError for another shape, values that are not positive, and a power limit without resistances.
     """
     if not power > 0.0:
         raise InputError(f"power must be the supply's limit, above 0 W, or inf for none; got {power!r} W")
@@ -155,11 +155,11 @@ def check_power(resistance: ArrayLike | None, power: float, channels: int) -> Ar
 
 
 def check_problem(wrench_map: WrenchMap, wrench: ArrayLike, channels: int) -> tuple[Array, Array, Array]:
-    """Matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays, checked for shape.
+    """Return matrix (6, m), passive wrench (6,) and wrench (6,) as contiguous float64 arrays of checked shape.
 
-    Finiteness is left to the kernels, which look at every number anyway.
+    The kernels check that all numbers are finite.
 
-    Raises InputError for a wrench or a map of another shape, or that is no number.
+    Raises InputError for a wrench or a map of another shape or type.
 
     The matrix is in [N/A, N·m/A], the wrenches in [N, N·m].
     """
@@ -190,10 +190,10 @@ def solve_problem(
 ) -> Allocation:
     """Run the kernel `solve` with `settings`, current limits (m,) [A] and resistances (m,) [Ω]; return its allocation.
 
-    `solve` fills currents (m,) [A] and residual (6,) [N, N·m]; it returns the scale, NaN for what is not finite, and
-    the number of the saturation.
+    `solve` fills currents (m,) [A] and residual (6,) [N, N·m]; it returns the scale, NaN for non-finite input, and the
+    number of the saturation.
 
-    Raises InputError for a wrench (6,) [N, N·m] or a map of another shape, or where either is not finite.
+    Raises InputError for a wrench (6,) [N, N·m] or a map of another shape, or if either is not finite.
     """
     matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
     currents, residual = np.empty(limit.shape[0]), np.empty(6)
@@ -214,7 +214,7 @@ _HAIR = 1.0 - 1e-12  #: margin: the rounded sum of squares also stays below the 
 def hold_power(currents: Array, resistance: Array, power: float) -> float:
     """Scale `currents` (m,) [A] so that Σ R i² with `resistance` (m,) [Ω] is at most `power` [W]; returns the factor.
 
-    A wrench is linear in the currents: its part that they give keeps its direction, and is cut by the same factor.
+    A wrench is linear in the currents: scaling them preserves its direction.
     """
     total = 0.0
     for j in range(currents.size):
@@ -230,7 +230,7 @@ def hold_power(currents: Array, resistance: Array, power: float) -> float:
 # --------------------------------------------------------------------------------------------------
 # Least-squares allocation: force, torque or a weighted blend, for any number of channels and any tool orientation.
 #
-# The wrench is linear in the currents, w = A i. A tool over three coils can be given any force, or any torque except
+# The wrench is linear in the currents, w = A i. Three coils can apply any force to a tool, or any torque except
 # the one about its own axis (rank 2), or a compromise; a motor with many channels has redundant solutions. One
 # solver covers all: minimise ‖W (A i − w)‖², and among the minimisers take the smallest currents. Zárate 2020's radial
 # case is the special case of force weights at a radial tool.
@@ -310,7 +310,7 @@ def least_squares_currents(
 ) -> float:
     """Write the currents (m,) for `target` (6,) into `currents`; return the scale, or NaN (and NaN currents).
 
-    For use inside compiled code; `LeastSquaresAllocator` is the checked door.
+    For use inside compiled code; `LeastSquaresAllocator` checks its input.
     """
     m = matrix.shape[1]
     total = 0.0
@@ -400,15 +400,16 @@ def _least_squares_allocate(
 class LeastSquaresAllocator(Allocator):
     """Weighted least squares with minimum-norm currents and limits by one common factor.
 
-    current_limit        (m,) greatest magnitude per channel [A]
-    weights              (6,) what a newton or a newton metre is worth, per component of the wrench
-    damping              relative to the greatest singular value: near singular poses trades accuracy for current
+    current_limit        (m,) maximum magnitude per channel [A]
+    weights              (6,) weight of each component of the wrench [1/N, 1/(N·m)]
+    damping              relative to the largest singular value: trades accuracy for current near singular poses
     truncation           relative singular value up to which a direction counts as unreachable
-    compensate_passive   subtract the wrench that is there at zero current
-    resistance           (m,) of the channels as warm as they may be [Ω]
-    power                greatest power Σ R i² that the supply gives [W]; needs `resistance`
+    compensate_passive   subtract the wrench at zero current
+    resistance           (m,) of the channels at their maximum temperature [Ω]
+    power                maximum power Σ R i² of the supply [W]; needs `resistance`
 
-    Raises InputError for weights that are not six, negative or all zero, and for damping or truncation outside 0 to 1.
+    Raises InputError unless there are six weights, none negative and not all zero, and for damping or truncation
+    outside 0 to 1.
 
     >>> from haptorb.devices.base import WrenchMap
     >>> pull = WrenchMap(np.vstack([np.eye(3), np.zeros((3, 3))]), np.zeros(6))
@@ -461,14 +462,14 @@ class LeastSquaresAllocator(Allocator):
     def both(cls, current_limit: ArrayLike, arm: float, *, compensate_passive: bool = False) -> LeastSquaresAllocator:
         """Force and torque together; 1 N is weighted like `arm` [m] × 1 N of torque.
 
-        Raises InputError for an arm that is no length.
+        Raises InputError for an invalid arm.
         """
         if not (np.isfinite(arm) and arm > 0):
             raise InputError(f"arm must be a length greater than zero [m]; got {arm!r}")
         return cls(current_limit, (1, 1, 1, 1 / arm, 1 / arm, 1 / arm), compensate_passive=compensate_passive)
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
-        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError if either is not finite."""
         return solve_problem(
             _least_squares_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench
         )
@@ -485,7 +486,7 @@ _BEYOND = ("scale", "least-squares")
 def minimum_power_currents(K: ArrayLike, T: ArrayLike) -> Array:
     """Currents (..., m) [A] for torque T (..., 3) [N·m], torque characteristic K (..., 3, m) [N·m/A], without limits.
 
-    u = Kᵀ (K Kᵀ)⁻¹ T, Bai 2012 eq. (4): the least Σ u². Raises InputError if K turns fewer than three axes.
+    u = Kᵀ (K Kᵀ)⁻¹ T, Bai 2012 eq. (4): minimum Σ u². Raises InputError if K has rank below three.
 
     >>> minimum_power_currents(np.eye(3), (1.0, 2.0, 3.0)).tolist()
     [1.0, 2.0, 3.0]
@@ -543,15 +544,15 @@ def _minimum_power_allocate(
 class MinimumPowerAllocator(Allocator):
     """Minimum-power allocation of a torque, each current within its limit; the bearing carries the force rows.
 
-    current_limit        (m,) greatest magnitude per channel [A]; 0 turns a channel off
-    infeasible           what becomes of a torque beyond the limits: "scale" keeps its direction, "least-squares" gives
-                         the nearest torque there is
-    resistance           (m,) [Ω], alike for all channels if not given: the heat is Σ R i²
-    compensate_passive   subtract the torque that is there at zero current (a weight-compensating regulator's)
-    power                greatest power Σ R i² that the supply gives [W]; needs `resistance`. The currents of least heat
-                         are scaled, which is the most torque for that power unless some stand at their limits
+    current_limit        (m,) maximum magnitude per channel [A]; 0 disables a channel
+    infeasible           treatment of a torque beyond the limits: "scale" preserves its direction, "least-squares" gives
+                         the nearest feasible torque
+    resistance           (m,) [Ω], equal for all channels if not given: the heat is Σ R i²
+    compensate_passive   subtract the torque at zero current (of a weight-compensating regulator)
+    power                maximum power Σ R i² of the supply [W]; needs `resistance`. The currents of minimum heat are
+                         scaled, which is the largest torque for that power unless some are at their limits
 
-    Raises UnknownName for another `infeasible`, InputError for limits or resistances that cannot be.
+    Raises UnknownName for another `infeasible`, InputError for invalid limits or resistances.
 
     >>> from haptorb.devices.base import WrenchMap
     >>> motor = WrenchMap(np.vstack([np.zeros((3, 4)), [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]]]), np.zeros(6))
@@ -577,7 +578,7 @@ class MinimumPowerAllocator(Allocator):
         self._compensated = 1.0 if compensate_passive else 0.0
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
-        """Currents (m,) [A] for the torque in `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        """Currents (m,) [A] for the torque in `wrench` (6,) [N, N·m]. Raises InputError if either is not finite."""
         limit = self.current_limit
         matrix, passive, asked = check_problem(wrench_map, wrench, limit.shape[0])
         currents = np.empty(limit.shape[0])
@@ -648,7 +649,7 @@ def hold_limits(
 ) -> tuple[float, int]:  # fmt: skip
     """Scale currents (m,) [A] to meet `limits`, a WRENCH_LIMITS; fill residual (6,): target (6,) minus result.
 
-    Returns `scale` and `reason`, of what was decided before, after that.
+    Returns the updated `scale` and `reason`.
     """
     m = matrix.shape[1]
     share = hold_power(currents, resistance, limits.power)  # safety: supply-power-of-wrenches
@@ -672,7 +673,7 @@ def hold_limits(
 
 @kernel
 def is_missing(residual: Array, wrench: Array, part: int) -> bool:
-    """Whether residual (6,) has more of the force (part 0) or torque (1) of `wrench` (6,) than is tolerated."""
+    """Whether residual (6,) contains more of the force (part 0) or torque (1) of `wrench` (6,) than the tolerance."""
     missing, asked = 0.0, 0.0
     for i in range(3 * part, 3 * part + 3):
         missing += residual[i] * residual[i]
@@ -753,14 +754,14 @@ def _whole_wrench_allocate(
 class WholeWrenchAllocator(Allocator):
     """Torque (`together` False) or force and torque within limits; the passive wrench counts as delivered.
 
-    current_limit   (m,) greatest magnitude per channel [A]
-    resistance      (m,) of the channels as warm as they may be [Ω]
-    power           greatest power Σ R i² that the supply gives [W]
-    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
-    arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both are asked
+    current_limit   (m,) maximum magnitude per channel [A]
+    resistance      (m,) of the channels at their maximum temperature [Ω]
+    power           maximum power Σ R i² of the supply [W]
+    greatest        maximum force [N] and torque [N·m] on the mover; they also limit the accompanying part
+    arm             1 N is weighted like `arm` [m] × 1 N of torque, if both are requested
 
-    A torque beyond the limits keeps its direction, as forces do. Force and torque together are the nearest that the
-    limits allow: no direction could be kept. Raises InputError for values that cannot be.
+    A torque beyond the limits keeps its direction, as forces do. Force and torque together are the nearest feasible
+    wrench: no direction is preserved. Raises InputError for invalid values.
 
     >>> from haptorb.devices.api import wrench_map
     >>> from haptorb.devices.base import State
@@ -791,7 +792,7 @@ class WholeWrenchAllocator(Allocator):
         self._settings["limits"] = (power, *check_greatest(greatest))
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
-        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError if either is not finite."""
         return solve_problem(
             _whole_wrench_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench
         )
@@ -809,9 +810,9 @@ class WrenchChoice:
     """Allocators of a device that can render force, torque or both.
 
     allocators   one for each part
-    arm          at which a hand holds the tool against turning [m]
-    fixed        the part that a person chose; None: the one that the world asks
-    weight       1 N weighs as much as this arm [m] × 1 N of torque, where both are asked
+    arm          lever arm at which a hand resists rotation of the tool [m]
+    fixed        part chosen by the user; None: the one that the world defines
+    weight       1 N is weighted like this arm [m] × 1 N of torque, if both are requested
     """
 
     def __init__(
@@ -883,7 +884,7 @@ def tool_choice(
 ) -> WrenchChoice:
     """Force, torque and both on a tool over a dome; `part` fixes one of them, `arm` [m] weights torque against force.
 
-    Raises InputError for an arm that is no length.
+    Raises InputError for an invalid arm.
 
     >>> from haptorb.devices.loader import load
     >>> choice = tool_choice(load("omni"))
@@ -910,8 +911,8 @@ def tool_choice(
 def part_remarks(device: SphericalElectromagnet, choice: WrenchChoice) -> tuple[str, ...]:
     """One or two sentences for each of `PARTS`, indexed by its number in recordings; empty where none is needed.
 
-    The figures are those of two point dipoles at contact, T = µ0 m_e m_p/(4π d³) and F = 3T/d: they are said at the
-    start, where nothing may wait for tables or compiled code.
+    The figures are those of two point dipoles at contact, T = µ0 m_e m_p/(4π d³) and F = 3T/d, because they are printed
+    at the start, before tables and compiled code are available.
 
     >>> from haptorb.control.allocation import tool_choice
     >>> from haptorb.devices.loader import load

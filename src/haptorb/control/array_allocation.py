@@ -77,15 +77,15 @@ def _allocate(
 class ArrayAllocator(Allocator):
     """Minimum-power allocation of one part of a wrench ("force", "torque" or "both"); the passive wrench is included.
 
-    current_limit   (m,) greatest magnitude per channel [A]
-    resistance      (m,) of the channels as warm as they may be [Ω]
-    part            what is rendered; the rest of the wrench accompanies it
-    power           greatest power Σ R i² that the supply gives [W]; more scales all currents
-    greatest        largest force [N] and torque [N·m] on the mover; they also limit the accompanying part
-    arm             1 N weighs as much as `arm` [m] × 1 N of torque, where both cannot be given
+    current_limit   (m,) maximum magnitude per channel [A]
+    resistance      (m,) of the channels at their maximum temperature [Ω]
+    part            rendered part; the rest of the wrench accompanies it
+    power           maximum power Σ R i² of the supply [W]; all currents are scaled to it
+    greatest        maximum force [N] and torque [N·m] on the mover; they also limit the accompanying part
+    arm             1 N is weighted like `arm` [m] × 1 N of torque, if both cannot be produced
 
-    A force beyond the limits keeps its direction; of a torque or a whole wrench the nearest is given. Raises InputError
-    for values that cannot be.
+    A force beyond the limits keeps its direction; a torque or a whole wrench becomes the nearest feasible one. Raises
+    InputError for invalid values.
 
     >>> push = WrenchMap(np.vstack([np.tile(np.eye(3), 2), np.zeros((3, 6))]), np.zeros(6))
     >>> ArrayAllocator([1.0] * 6, [1.0] * 6).allocate(push, (0.5, 0, 0, 0, 0, 0)).currents.round(9).tolist()
@@ -112,7 +112,7 @@ class ArrayAllocator(Allocator):
         self._settings["limits"] = (power, *check_greatest(greatest))
 
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
-        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError where either is not finite."""
+        """Currents (m,) [A] for `wrench` (6,) [N, N·m]. Raises InputError if either is not finite."""
         return solve_problem(_allocate, self._settings, self.current_limit, self.resistance, wrench_map, wrench)
 
 
@@ -133,7 +133,7 @@ def array_allocator(device: CoilArray) -> ArrayAllocator:
 def array_choice(device: CoilArray, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice:
     """Force, torque and both; `part` fixes one of them, `arm` [m] weights torque against force.
 
-    Raises InputError for an arm that is no length.
+    Raises InputError for an invalid arm.
 
     >>> from haptorb.devices.loader import load
     >>> sorted(array_choice(load("planar")).allocators)

@@ -26,12 +26,12 @@ class MotorCapability:
     """Capability over a grid of tilts (ψ, λ), at the worst spin φ each; axes are the stator's X, Y, Z.
 
     tilts        (t,) [rad] values of ψ and of λ
-    spins        number of φ looked at per tilt
+    spins        number of φ evaluated per tilt
     peak         (t, t, 3) torque about each axis alone, currents at their limits [N·m]
     continuous   (t, t, 3) the same with continuous currents [N·m]
-    condition    (t, t) greatest over smallest singular value of the channels' torque characteristic
+    condition    (t, t) ratio of the largest to the smallest singular value of the channels' torque per ampere
     weakest      (t, t) smallest singular value [N·m/A]
-    power        (t, t, 3) least heat for a torque about each axis, at the reference temperature [W/(N·m)²]
+    power        (t, t, 3) minimum heat for a torque about each axis, at the reference temperature [W/(N·m)²]
     shares       (3, m) share of every channel in that heat, mean over the workspace
     """
 
@@ -46,7 +46,7 @@ class MotorCapability:
 
 
 def motor_capability(motor: SphericalMotor, tilts: int = 9, spins: int = 40, model: str = "table") -> MotorCapability:
-    """Capability of `motor` over its workspace, with `model`. Raises DeviceError if it cannot turn everywhere."""
+    """Capability of `motor` over its workspace, with `model`. DeviceError if it lacks torque about an axis."""
     if tilts < 2 or spins < 1:
         raise InputError(f"at least 2 tilts and 1 spin are needed; got {tilts} and {spins}")
     edge = np.linspace(-motor.workspace_tilt, motor.workspace_tilt, tilts)
@@ -177,7 +177,7 @@ def map_contact(device: CoilArray, size: int = 13) -> ContactForces:
 
 
 def array_capability(device: CoilArray, layers: int = 5) -> tuple[ArrayLayer, ...]:
-    """Layers from contact to the top of the workspace.
+    """Compute `ArrayLayer`s from contact to the top of the workspace.
 
     >>> from haptorb.devices.loader import load
     >>> bool(array_capability(load("tetrahedron"), 2)[0].peak[2] > 0.2)
@@ -209,8 +209,8 @@ def _weaker(forces: Array) -> Array:
 def _reach(device: CoilArray, state: State, allocator: ArrayAllocator) -> Array:
     """(6,) peak net force along ±x, ±y, ±z at `state`, passive force included [N].
 
-    What can be given along a line is an interval, as currents within their limits and within the supply's power are a
-    convex set. It is found by bisection; 0 where the passive force across the line cannot be compensated.
+    The feasible forces along a line are an interval, because currents within their limits and the supply's power are a
+    convex set. It is found by bisection; 0 if the passive force perpendicular to the line cannot be compensated.
     """
     wrench_map = device.wrench_map(state, device.models[0])
     forces, passive = wrench_map.matrix[:3], wrench_map.passive[:3]

@@ -1,7 +1,7 @@
 """Coil drive: duty cycles for commanded currents, with the estimated resistance: Zárate 2020 eqs. (3), (4), (6).
 
-Each coil's resistance is learned from what flowed. Cold start, zero current and saturation keep the last estimated
-resistance in place; it can never leave what copper can have.
+Each coil's resistance is estimated from its measured current. At a cold start, zero current and saturation the last
+estimate is kept; it is clipped to the plausible range of copper.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _learn_resistance(d: Record, coils: Records) -> None:
 def choose_duties(d: Record, coils: Records) -> None:
     """Fill `duty` of `coils` (m,): duties that bring the currents to `held` at the end of the tick, against `emf`.
 
-    d is a DRIVE. The resistances are learned first. A voltage for a time shorter than the last tick would overshoot.
+    d is a DRIVE. The resistances are estimated first. A voltage for less time than the last tick would overshoot.
     """
     _learn_resistance(d, coils)
     largest = 0.0

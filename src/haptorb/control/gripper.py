@@ -1,4 +1,4 @@
-"""Limits on the force of a device's gripper: size, rate, one client after the other; off whenever the coils are."""
+"""Limits on the force of a device's gripper: magnitude, rate, change of client through zero; off with the coils."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["GripperGuard"]
 
 @final
 class GripperGuard(Stateful):
-    """Force limit of a `gripper`, in ticks `dt` [s] apart, as the guard limits a client's force on the mover.
+    """Force limit of a `gripper`, for ticks `dt` [s] apart, like the guard's limit of a client's force on the mover.
 
-    At most the gripper's greatest force; from that to zero in 20 ms at the fastest. Another client's force is rendered
-    when that of before has become zero. `gain`, 0 to 1, is the guard's: at zero the force is zero in the same tick.
+    At most the gripper's maximum force, with a slew rate from that to zero in 20 ms. Another client's force is rendered
+    once the previous one has become zero. `gain`, 0 to 1, is the guard's: at zero the force is zero in the same tick.
 
     >>> guard = GripperGuard(Gripper(0.025, 8.0, 0.1, 0.02, 0.05, 0.2, 1e-5, 0.02, 300.0, 2.0), 1e-3)
     >>> [round(guard.limit(100.0, 1.0, 1.0), 3) for _ in range(3)], guard.limit(100.0, 0.0, 1.0)
@@ -35,15 +35,15 @@ class GripperGuard(Stateful):
         return {"gripper": self._kept[0]}
 
     def gather_state(self) -> None:
-        """Note them."""
+        """Copy force and session into the state arrays."""
         self._kept[1][0], self._kept[1][1] = self._force, self._session
 
     def apply_state(self) -> None:
-        """Take them over."""
+        """Restore force and session from the state arrays."""
         self._force, self._session = self._kept[1]
 
     def limit(self, wanted: float, gain: float, session: float) -> float:
-        """Force for this tick [N] where a world asks for `wanted` [N], of which the client `session` is the cause."""
+        """Return the force for this tick [N] if the world requests `wanted` [N], commanded by the client `session`."""
         if gain == 0.0 or not math.isfinite(wanted):  # safety: gripper-off-with-coils
             self._force, self._session = 0.0, session
             return 0.0

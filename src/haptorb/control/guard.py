@@ -1,10 +1,10 @@
-"""Guard: limits on wrench and current, and the conditions that switch the coils off until a person engages.
+"""Guard: limits on wrench and current, and the conditions that switch the coils off until the user engages.
 
-Off is the default state and the end of every path. A trip latches with its reason; only a person who engages leaves it,
-and only when the reason is gone. The guard trusts nothing above it, least of all the world.
+Off is the default state and the final state of every path. A trip latches with its reason; only the user can engage
+again, and only once the reason is gone. The guard does not rely on any other module, in particular not on the world.
 
-Lines that keep a rule are marked with `safety:` and its name; `scripts/prove_safety.py` breaks each and sees a test
-go red.
+Lines that enforce a rule are marked with `safety:` and its name; `scripts/prove_safety.py` breaks each and checks that
+a test fails.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# Tick clock: elapsed time between ticks, and the overrun check of missed deadlines. A tick is no unit of time.
+# Tick clock: elapsed time between ticks, and the overrun check of missed deadlines. A tick is not a unit of time.
 #
-# A delayed loop must use the elapsed time, not its period: windings heat, poses age and hands move meanwhile.
+# A delayed loop must use the elapsed time, not its period: windings heat, poses age and the hand moves meanwhile.
 
 
 SILENCE = 0.020  #: of the loop, after which the device's watchdog switches its coils off [s]
 _DEADLINE_WINDOW_S = 0.2  #: window of the deadline count [s]
 _MIN_MET_DEADLINES = 0.8  #: share of the deadlines that must be met within the window
-_MAX_COUNTED_GAP_S = 0.025  #: missed time counted for one gap at most [s]: a single pause of the computer is no overrun
+_MAX_COUNTED_GAP_S = 0.025  #: missed time counted for one gap at most [s]: a single pause is not an overrun
 BUCKETS = 8  #: of the window
 
 #: period and elapsed [s]; time of the last tick [s], NaN before the first; silence [s] that restarts the ramp; bucket:
@@ -82,8 +82,8 @@ def make_clock(period: float) -> Records:
 def advance_clock(c: Record, now: float) -> float:
     """Start a tick at `now` [s] on the loop's clock; returns the time elapsed since the last one [s].
 
-    c is one CLOCK: `restart` means that the loop was silent for longer than a device's watchdog waits, `overrun` that
-    within the last 0.2 s fewer than 80 % of the deadlines were met, those aside that are `excused`.
+    c is one CLOCK: `restart` means that the loop was silent for longer than the timeout of a device's watchdog,
+    `overrun` that fewer than 80 % of the deadlines within the last 0.2 s were met, except those that are `excused`.
     """
     elapsed = now - c.time
     if not np.isfinite(elapsed):
@@ -127,7 +127,7 @@ _NONE, _SAMPLE, _GUARD_OVERCURRENT = int(Trip.NONE), int(Trip.SAMPLE_NOT_FINITE)
 def trip(g: Record, reason: int) -> None:
     """Switch the coils off, latched. The first `reason` remains until a person engages; later ones do not replace
     it."""
-    if reason != _EXPIRED:  # that one fades out; any other reason meanwhile, such as a Stop, ends the fade at once
+    if reason != _EXPIRED:  # that reason fades out; any other one meanwhile, such as a Stop, ends the fade at once
         g.gain = 0.0
     if g.state == _TRIPPED:
         return
@@ -140,8 +140,8 @@ def trip(g: Record, reason: int) -> None:
 def begin_tick(clock: Record, g: Record, now: float) -> None:
     """Start a tick at `now` [s]: ramps, slew limits, heat and expiry advance by the elapsed time.
 
-    After a silence in which the device has switched off by itself the ramp begins again at zero; too many missed
-    deadlines trip, and so does a silence so long that a person no longer expects a force. clock is a CLOCK, g a GUARD.
+    After a silence in which the device's watchdog has switched off, the ramp starts again at zero. Too many missed
+    deadlines trip, and so does a silence after which the user no longer expects a force. clock is a CLOCK, g a GUARD.
     """
     g.dt = advance_clock(clock, now)
     if clock.restart:
@@ -218,9 +218,9 @@ def _steps(g: Record, now: Array) -> tuple[float, float]:
 def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     """g.wanted (6,) becomes `wrench` (6,) [N, N·m]; a change of the commanding client or mapping passes through zero.
 
-    Of it, g.commanded is what the client `session` commands through its `mapping`: that part changes at the rate limits
-    at most. Another client, and another mapping, are rendered when the force of before has become zero. So is another
-    world; once its wrench has been reached, it may change as fast as it likes. What is off begins at zero.
+    g.commanded is the part that the client `session` commands through its `mapping`; it changes at the rate limits at
+    most. Another client, and another mapping, are rendered once the previous force has become zero. So is another
+    world; once its wrench has been reached, its rate is not limited. After an off state the wrench starts at zero.
     """
     total = 0.0
     for i in range(6):
@@ -246,7 +246,7 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     _approach(g.client[:3], goal[:3], g.force, force)  # safety: client-force-rate
     _approach(g.client[3:], goal[3:], g.torque, torque)  # safety: client-torque-rate
     force, torque = _steps(g, g.world)
-    share = g.dt / _CHANGE_OVER_S  # slower than a client's rate limit: a person who holds the device does not expect it
+    share = g.dt / _CHANGE_OVER_S  # slower than a client's rate limit, because the user does not expect it
     force, torque = min(force, share * g.force), min(torque, share * g.torque)
     if g.leaving:
         goal[:] = 0.0
@@ -363,8 +363,8 @@ def _clear_currents(g: Record, coils: Records) -> None:
 def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
     """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then apply the slew-rate limit.
 
-    Returns the scale. Directions are kept. What is held is then within the supply's power too: it lies between two
-    currents that are.
+    Returns the scale. Directions are preserved. The result is within the supply's power too, because it lies between
+    two currents that are.
     """
     scale, step = share, g.slew * g.dt
     for j in range(wanted.size):
@@ -404,9 +404,9 @@ def _find_steps(coils: Records, k: int, wanted: Array, scale: float) -> tuple[fl
 def _limit_client_rate(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool, turns: bool) -> None:
     """Rate limit: shorten the step from the driven currents to `held` to the largest rate of a client's force.
 
-    The asked wrench keeps to that rate already; but where slew or limits held the currents back, they would catch up in
-    one step. What no client commands is not limited: it may step as far as it has changed since the coils last gave
-    what was wanted. A shorter step is within all limits, as both its ends are.
+    The commanded wrench respects that rate already; but currents that were limited or slewed would catch up in one
+    step. The part that no client commands is not limited: it may step by its change since the currents last matched the
+    requested ones. A shorter step is within all limits, as both its ends are.
     """
     share = 1.0
     for k in range(2):
@@ -465,7 +465,7 @@ GUARD = fields(
     ("asked", "f8", (6,)),  # wrench that may be commanded now [N, N·m]
     ("dt", "f8"),  # time by which ramps and slew advance in this tick [s]
     ("fresh", "?"),  # whether the last estimate was valid
-    ("restarted", "?"),  # the device's watchdog has switched off: currents begin at zero
+    ("restarted", "?"),  # the device's watchdog has switched off: currents start at zero
     ("expiry", "f8"),  # maximum age of a pose [s]
     ("force", "f8"),  # limit [N]
     ("torque", "f8"),  # limit [N·m]
@@ -620,7 +620,7 @@ COIL = fields(
 def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) -> Records:
     """(1,) PROTECTION for `device` and ticks `dt` [s] apart: off, before the first tick.
 
-    arm: at which a hand holds a mover that turns [m]; lag: by which a wrench comes late through the coils [s].
+    arm: lever arm of the hand on a rotating mover [m]; lag: delay of the wrench through the coils [s].
     """
     limits, coils = device.limits, device.coils
     thermal = coils.heat

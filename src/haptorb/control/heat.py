@@ -1,13 +1,13 @@
 """Upper bound of the winding temperatures, and remaining time under the present load: a thermal network.
 
-The copper cannot be touched by a thermometer; its temperature is integrated from i²R, and each coil's body is pulled
-gently to its boundary thermometer, so that a wrong start or a wrong room is forgotten within seconds. Coils that are
-coupled warm each other through a core, which no thermometer touches.
+The copper has no thermometer; its temperature is integrated from i²R, and each coil's body is corrected towards its
+boundary thermometer, so that a wrong initial or ambient temperature decays within seconds. Coupled coils heat each
+other through a core, which has no thermometer.
 
-Capacities and conductances are known within `tolerance` only. So heat flows into every node at the greatest rate that
-they allow, and out of it at the smallest: the rate of change of each temperature is nowhere below the true one. Because
-a warmer node never cools another, it follows that no temperature is ever below the true one (Kamke's theorem), however
-the values are off within the tolerance, for each coil by itself. A law like energy's does not hold on the way.
+Capacities and conductances are known within `tolerance` only. So heat flows into every node at the maximum rate within
+that tolerance, and out of it at the minimum: no temperature rises more slowly than the true one. Because a warmer node
+never cools another, no temperature is ever below the true one (Kamke's theorem), for any values within the tolerance,
+for each coil individually. The model therefore does not conserve energy.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def remaining_time(h: Record, coils: Records) -> float:
 def _step_ahead(h: Record, coils: Records) -> float:
     """Remaining time of coupled coils, or of values with a tolerance: prediction with growing steps.
 
-    Each is implicit, and as in the observer's steps what leaves a node counts with the smallest conductance, what
-    enters it with the greatest. Winding and body of a coil are eliminated, then the core's balance is solved.
+    Each is implicit, and as in the observer heat leaves a node with the smallest conductance and enters it with the
+    largest. Winding and body of a coil are eliminated, then the core's balance is solved.
     """
     core, dt, t = h.core, _FIRST_STEP_S, 0.0
     for j in range(coils.size):
@@ -79,8 +79,8 @@ def _find_core(h: Record, coils: Records, core: float, dt: float) -> float:
     """Core temperature `dt` [s] later [K]; `coils` store the coefficients of the resulting winding and body
     temperatures.
 
-    winding = free + share · core, body = body_free + body_share · winding. A winding that runs away within the step has
-    no such balance: it is infinitely hot.
+    winding = free + share · core, body = body_free + body_share · winding. With thermal runaway within the step there
+    is no such balance: the winding is infinitely hot.
     """
     least, most, end = 1.0 - h.tolerance, 1.0 + h.tolerance, _IMPLICIT
     start = 1.0 - end
@@ -119,8 +119,8 @@ def _find_core(h: Record, coils: Records, core: float, dt: float) -> float:
 def _solve_single(h: Record, coils: Records) -> float:
     """Remaining time of uncoupled coils with exact values: two nodes each, in closed form.
 
-    Warm copper takes more power from the same current, which makes the two-node equations no less linear: only the
-    winding's own rate changes, and may change sign (thermal runaway).
+    Warm copper dissipates more power at the same current; the two-node equations remain linear: only the winding's own
+    rate changes, and may change sign (thermal runaway).
     """
     limit, alpha, reference = h.derate, h.coefficient, h.reference
     c_winding, c_body, g_inner, g_outer = h.winding_capacity, h.body_capacity, h.winding_to_body, h.body_to_air
@@ -136,7 +136,7 @@ def _solve_single(h: Record, coils: Records) -> float:
         root = np.sqrt((a - d) ** 2 + 4.0 * b * c)
         fast, slow = -0.5 * (a + d + root), -0.5 * (a + d - root)
         det = fast * slow
-        # On the boundary of stability a tiny offset to either side makes no difference for years.
+        # On the stability boundary a tiny offset to either side has no effect for years.
         if abs(slow) < 1e-12:
             slow, det = 1e-12, fast * 1e-12
         end = (d * s + b * r) / det
@@ -187,7 +187,7 @@ def _mean_square(before: float, now: float, x: float) -> float:
 def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
     """Advance the winding temperatures of `coils` (m,) by `elapsed` [s], from this tick's measurements.
 
-    h is a HEAT; ticks in which nothing could be read are made up for.
+    h is a HEAT; ticks without readings are included in the next update.
     """
     elapsed = min(elapsed + h.pending, _MAX_STEP_S)
     h.pending = 0.0

@@ -1,6 +1,6 @@
-"""Currents within their limits: least power for a torque or a wrench, and what is given beyond the limits.
+"""Currents within their limits: minimum power for a torque or a wrench, and the result beyond the limits.
 
-Each problem here is brought into one of the two forms of `haptorb.box_qp`.
+Each problem is reduced to one of the two forms of `haptorb.box_qp`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _side(a: Array, b: Array, d: Array) -> float:
 
 @exact_kernel
 def find_reach(Q: Array, d: Array, box: Array) -> float:
-    """Largest s with s d = Q y for some |y_j| ≤ box_j, from below to 1e-9; NaN where the search does not converge.
+    """Largest s with s d = Q y for some |y_j| ≤ box_j, from below to 1e-9; NaN if the search does not converge.
 
     Q (3, m) of rank 3, d (3,), box (m,).
     """
@@ -129,7 +129,7 @@ def find_reach(Q: Array, d: Array, box: Array) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# Zonotope of the torques that currents within their limits can give: its surface along a direction, its nearest point.
+# Zonotope of the torques of currents within their limits: its surface along a direction, and its nearest point.
 #
 # A torque's direction meets the surface on a facet spanned by two channels: all pairs are tested, without iteration;
 # for many channels the facet is found iteratively, see `find_reach`. The nearest torque on the surface is found by
@@ -319,7 +319,7 @@ def _least_norm(Q: Array, t: Array, share: float, box: Array, work: Array, y: Ar
 def _least_norm_within(Q: Array, t: Array, box: Array, y: Array) -> float:
     """Fallback where rounding dominates, with limits many decades apart: the minimum-norm y for t, scaled into the box.
 
-    Less than could be had, but in its direction and within every limit. Returns the share of t that y gives.
+    Not optimal, but in the direction of t and within every limit. Returns the share of t that y produces.
     """
     share = 1.0
     for j in range(y.size):
@@ -337,9 +337,9 @@ def solve_bounded_power(
 ) -> tuple[int, float]:
     """Write the currents (m,) [A] for torque T (3,) [N·m] into `currents`; return the outcome and the scale of T.
 
-    K (3, m) [N·m/A], limit (m,) [A], resistance (m,) in any unit (ratios matter). `nearest` chooses what becomes of
-    a torque beyond the limits: the nearest one, else the torque's direction is kept. For use inside compiled code;
-    `MinimumPowerAllocator` is the checked door.
+    K (3, m) [N·m/A], limit (m,) [A], resistance (m,) in any unit (only ratios matter). A torque beyond the limits is
+    replaced by the nearest feasible one if `nearest`, else scaled. For use inside compiled code;
+    `MinimumPowerAllocator` checks its input.
     """
     m = K.shape[1]
     total = abs(T[0]) + abs(T[1]) + abs(T[2])
@@ -424,7 +424,7 @@ def solve_bounded_power(
 
 
 # --------------------------------------------------------------------------------------------------
-# Nearest wrench where too few coils cannot give it in full, by weighted least squares.
+# Nearest feasible wrench of too few coils, by weighted least squares.
 #
 #     minimise ½ ‖W (A i − w)‖²   such that   |i_j| ≤ L_j,   Σ R_j i_j² ≤ P
 #

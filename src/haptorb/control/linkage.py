@@ -1,8 +1,8 @@
 """Linkage between the mover and the object that a world acts on: direct, or through two modes and a clutch.
 
-A world renders a wrench for a state. For a stylus over a dome the two are the mover's own. A motor's rotor only turns,
-while its plug moves in six degrees of freedom: between them is a linkage with a clutch (`ModedLinkage`). Besides
-guard and drive it is the one part of the chain that remembers something from tick to tick.
+A world renders a wrench for a state. For a stylus over a dome both are those of the mover. A motor's rotor only
+rotates, while its plug moves in six degrees of freedom: they are connected by a linkage with a clutch
+(`ModedLinkage`). Besides guard and drive it is the only part of the chain with a state from tick to tick.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ __all__ = [
 
 
 def three(value: ArrayLike, what: str) -> tuple[float, float, float]:
-    """`value` as three finite numbers, or InputError naming `what`. Shape (3,). In the unit of `value`: [any]."""
+    """Convert `value` to three finite numbers (3,) in its own unit, or raise InputError naming `what`. [any]"""
     numbers = check_finite(value, what)
     if numbers.shape != (3,):
         raise InputError(f"{what} must be three numbers; got shape {numbers.shape}")
@@ -75,12 +75,12 @@ class Gains:
 
     translate          ζ̂ [m/rad] of X', Y', Z' (by λ, ψ, φ)
     rotate             ζ of λ', ψ', φ'
-    translate_torque   η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ); None: as power demands, η̂ = (ζ̂₂, ζ̂₁, ζ̂₃)
+    translate_torque   η̂ [m] of F_Y', F_X', F_Z' (to T_ψ, T_λ, T_φ); None: power-consistent, η̂ = (ζ̂₂, ζ̂₁, ζ̂₃)
     rotate_torque      η of T_ψ', T_λ', T_φ'; None: η = (ζ₂, ζ₁, ζ₃)
 
     The defaults render the outlet (a pull of 11.5 N; tilted by 2° 64 N sideways and 1 N·m about the plug's end) on a
-    motor of about 1 N·m: 0.23, 0.26 and 0.25 N·m, and at most 0.6 wherever the handle may go, unless the plug's bevel
-    is forced aside. ±22.5° of handle move the plug by ±8 mm out (its whole way), ±1.6 mm sideways; 8° of spin tilt it
+    motor of about 1 N·m: 0.23, 0.26 and 0.25 N·m, and at most 0.6 over the handle's workspace, unless the plug's bevel
+    is forced aside. ±22.5° of handle move the plug by ±8 mm out (its full travel), ±1.6 mm sideways; 8° of spin tilt it
     by 2°. For the paper's beam, 4.3 times stiffer, use `Gains().scale(0.25)`.
 
     >>> Gains().verdict, Gains().scale(0.2).verdict, Gains(rotate_torque=(1, 1, 1)).verdict
@@ -147,7 +147,7 @@ class Gains:
         return "active"
 
 
-#: 40° of handle, within a hand's range in the workspace, pull the plug all the way out; else the defaults
+#: 40° of handle, within a hand's range in the workspace, pull the plug out completely; else the defaults
 MOTOR_GAINS = Gains(translate=(0.024, 0.004, 0.01))
 
 
@@ -193,7 +193,7 @@ class RenderedWrench:
 
 
 class Linkage(Stateful, ABC):
-    """Maps the mover's state to the wrench of a world on the hand. `state_arrays` names its state."""
+    """Maps the mover's state to the wrench of a world on the hand; its state is in `state_arrays`."""
 
     modes: tuple[Mode, ...]  #: available modes; empty for a direct linkage
     passive: bool  #: whether it adds no energy to that of the world
@@ -227,7 +227,7 @@ class Linkage(Stateful, ABC):
 
 @final
 class Direct(Linkage):
-    """The world acts on the mover itself; `arm`: at which a hand holds one whose torque is rendered always [m]."""
+    """Linkage in which the world acts on the mover itself; `arm`: lever arm of the hand if torque is rendered [m]."""
 
     modes = ()
     passive = True
@@ -257,14 +257,14 @@ class Direct(Linkage):
         raise InputError("this device has no torque scale; its mover acts directly")
 
     def restart(self) -> None:
-        """Does nothing: a direct linkage is stateless."""
+        """Do nothing: a direct linkage is stateless."""
 
 
 @device_function
 @singledispatch
 def make_linkage(device: Device, gains: Gains | None = None) -> Linkage:
     """Create the linkage between the mover of `device` and the object, by its kind; by default they are the
-    same body. Raises InputError for `gains` where there are no modes."""
+    same body. Raises InputError for `gains` without modes."""
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()
@@ -272,8 +272,8 @@ def make_linkage(device: Device, gains: Gains | None = None) -> Linkage:
 
 @make_linkage.register(Arm)
 def _(device: Arm, gains: Gains | None = None) -> Linkage:
-    """An end effector acts directly; one with an actuated orientation is held at the arm at which the hand's damping
-    against turning is that against moving."""
+    """Direct linkage of an end effector; for an actuated orientation the lever arm is the one at which the hand's
+    rotational damping corresponds to its translational damping."""
     if gains is not None:
         return make_linkage.dispatch(object)(device, gains)  # refuses
     return Direct(device.turning_arm)
@@ -317,7 +317,7 @@ def _free(attitude: float, rate: float, gain: float) -> float:
 
 @kernel
 def _nearest(angle: float, near: float) -> float:
-    """`angle` plus the multiple of a full turn [rad] that brings it nearest to `near`."""
+    """Return `angle` plus the multiple of a full turn [rad] that brings it nearest to `near`."""
     return angle + _TURN * round((near - angle) / _TURN)
 
 
@@ -331,7 +331,7 @@ def advance_clutch(clutch: Records, R: Array, w: Array, dt: float) -> bool:
     """Bring `clutch`, (1,) CLUTCH, to the rotor at R (3, 3), turning with w (3,) [rad/s], `dt` [s] later, and update
     the object.
 
-    False, and nothing changed, where the rotor is tilted beyond STEEPEST or nowhere.
+    False, without any change, if the rotor is tilted beyond STEEPEST or its orientation is not finite.
     """
     if not abs(R[0, 2]) < _HIGHEST:  # also catches NaN
         return False
@@ -399,7 +399,7 @@ def follow_rotor(clutch: Records, R: Array, w: Array, dt: float, pose: Array, sh
 def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) -> None:
     """out (6,): no force, and the torque [N·m] on the rotor, stator frame, for the object's wrench (6,) [N, N·m].
 
-    scale: by how much stronger it comes back than the clutch's gains say.
+    scale: factor on the torque in addition to the clutch's gains.
     """
     m = clutch[0]
     q, rates, attitude, move, turn = m.angles, m.rates, m.attitude, m.translate_torque, m.rotate_torque
@@ -429,7 +429,7 @@ def fill_rotor_wrench(clutch: Records, wrench: Array, scale: float, out: Array) 
 #     rotate       λ' = ζ₁ λ,   ψ' = ζ₂ ψ,   φ' = ζ₃ φ          T_ψ = η₁ T_ψ',  T_λ = η₂ T_λ',  T_φ = η₃ T_φ'
 #     translate    X' = ζ̂₁ λ,   Y' = ζ̂₂ ψ,   Z' = ζ̂₃ φ          T_ψ = η̂₁ F_Y',  T_λ = η̂₂ F_X',  T_φ = η̂₃ F_Z'
 #
-# (6b), not the text of phase 1, which swaps T_ψ and T_λ (erratum E6). Mind the printed order: ζ₁ is for λ, η₁ for ψ.
+# (6b) as printed; the paper's text swaps T_ψ and T_λ (erratum E6). Note the printed order: ζ₁ is for λ, η₁ for ψ.
 #
 # T_ψ, T_λ, T_φ are the projections of the torque vector on the three Euler axes, and T_ψ', T_λ', T_φ' likewise for the
 # object; with that T·ω = F·v' + T'·w' is satisfied at any tilt, not only for small ones.
@@ -451,14 +451,14 @@ class ModedLinkage(Linkage):
     """A rotor moves an object through two modes; the wrench on the object is fed back as torque.
 
     gains                motion and torque gains
-    position, attitude   where the target begins: X', Y', Z' [m] and ψ', λ', φ' [rad]; the plug fully home is at zero
-    arm                  from the motor's centre to the hand on its handle [m]
+    position, attitude   initial pose of the target: X', Y', Z' [m] and ψ', λ', φ' [rad]; zero: the plug fully inserted
+    arm                  distance from the motor's centre to the hand on its handle [m]
     ramp                 time in which the clutch engages, or releases [s]
-    gap                  longest time between two rotor states for which they count as one motion [s]; after a longer
-                         one the clutch releases at once and engages again from where the rotor then is
+    gap                  maximum time between two rotor states that count as one motion [s]; after a longer one the
+                         clutch releases at once and engages again at the rotor's new orientation
 
-    It starts released, and engages within `ramp`. Commands of mode and clutch act in the next tick; the target's pose
-    goes on from where it is, at any moment and in any state.
+    It starts released, and engages within `ramp`. Commands of mode and clutch take effect in the next tick; the
+    target's pose remains continuous at any time and in any state.
 
     Raises InputError for a time that is not above zero, and for an attitude beyond ±80° of λ'.
 
@@ -532,7 +532,7 @@ class ModedLinkage(Linkage):
     def render(self, world: WrenchSource, mover: State) -> RenderedWrench:
         """Advance the clutch to `mover`, evaluate `world` at the object, and return its wrench as torque.
 
-        Raises InputError for a rotor tilted beyond ±80°, and for a world that gives no wrench.
+        Raises InputError for a rotor tilted beyond ±80°, and for an invalid wrench of the world.
         """
         memory, t = self._memory, mover.t
         R, pose, share = ascontiguousarray(mover.R_SR), np.empty((6, 3)), np.empty(2)
@@ -575,7 +575,7 @@ class ModedLinkage(Linkage):
         self._aim()
 
     def set_torque_scale(self, scale: float) -> None:
-        """From the next tick on, all torques slide to `scale` times what the gains say.
+        """From the next tick on, ramp all torques to `scale` times those of the gains.
 
         Raises InputError for a scale that is not above 0.
         """
@@ -610,6 +610,6 @@ def _(device: SphericalMotor, gains: Gains | None = None) -> ModedLinkage:
 
 @find_object_limits.register
 def _(device: SphericalMotor) -> tuple[float, float]:
-    """Those on the object, in mode translate and in mode rotate, that come back as no more than the rotor's torque."""
+    """Limits of the wrench on the object, in modes translate and rotate, that stay within the rotor's torque."""
     moving, turning = MOTOR_GAINS.torques
     return device.limits.torque / max(moving), device.limits.torque / max(turning)

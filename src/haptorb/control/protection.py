@@ -1,7 +1,7 @@
 """Protection of device and user: limits on wrench and current before the coils.
 
-Nothing passes that is not finite, bounded, slewed, fresh and cool enough. The loop calls `protect_wrench` before the
-allocator and `protect_currents` after it.
+Commands pass only if they are finite, within limits and slew rates, based on a fresh pose, and the coils are cool
+enough. The loop calls `protect_wrench` before the allocator and `protect_currents` after it.
 """
 
 from __future__ import annotations
@@ -143,10 +143,10 @@ class Protection(Stateful):
 
     Each tick: `protect_wrench`, allocation, `protect_currents`; or `skip_tick` if nothing could be read.
 
-    arm     at which a hand holds a mover that turns [m]; 0 for a tool, whose force alone is rendered
-    state   (1,) PROTECTION and coils (m,) COIL: all that it remembers
-    asked   (6,) the wrench that may be asked of the coils now [N, N·m]
-    commanded  (6,) the part of the world's wrench that a client commands in this tick [N, N·m]; the tick fills it
+    arm     lever arm of the hand on a rotating mover [m]; 0 for a tool on which only force is rendered
+    state   (1,) PROTECTION and coils (m,) COIL: its whole state
+    asked   (6,) wrench that may be commanded now [N, N·m]
+    commanded  (6,) part of the world's wrench that a client commands in this tick [N, N·m]; the tick fills it
     duties  (m,) of this tick, −1 to 1
     """
 
@@ -192,7 +192,7 @@ class Protection(Stateful):
 
     @property
     def tripped(self) -> bool:
-        """Whether the coils are off, latched, until a person engages."""
+        """Whether the coils are off, latched, until the user engages."""
         return bool(self._state[0] == _TRIPPED)
 
     @property
@@ -260,11 +260,10 @@ class Protection(Stateful):
     def protect_wrench(
         self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan, client: Records | None = None
     ) -> Array:
-        """(6,) the part of the world's `wrench` (6,) that may be asked in the tick that begins at `now` [s].
+        """Return (6,) the part of the world's `wrench` (6,) that may be commanded in the tick that begins at `now` [s].
 
-        Damped, clamped, faded; zero when anything is wrong. In [N, N·m]. stored: energy that the world's memory holds
-        [J]; NaN for a world that does not say. client: (1,) CLIENT_FORCE [N, s], who commands the part of the wrench
-        that is in `commanded`; None: nobody.
+        Damped, clamped, faded; zero in any fault. In [N, N·m]. stored: energy in the world's memory [J]; NaN if the
+        world does not define it. client: (1,) CLIENT_FORCE [N, s] of the client that commands `commanded`; None: none.
         """
         mover = estimate.state
         self._stored[0] = stored

@@ -28,7 +28,7 @@ __all__ = ["describe_choice", "has_choice", "make_allocator", "make_choice"]
 @device_function
 @singledispatch
 def make_allocator(device: Device) -> Allocator:
-    """Create the allocator of `device`, by its kind. Raises InputError for a kind that has none."""
+    """Create the allocator of `device`, by its kind. Raises InputError for a kind without one."""
     raise unsupported(device, "`haptorb run`", make_allocator)
 
 
@@ -37,8 +37,8 @@ def make_allocator(device: Device) -> Allocator:
 def make_choice(device: Device, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice | None:
     """Allocators for force, torque and both on `device`, by its kind; None for a kind without that choice.
 
-    part: the one that is rendered, whatever the world defines. arm: weight of a torque [m]. Raises InputError for an
-    arm that is no length, and for a part or an arm where there is no choice.
+    part: rendered part, overriding the world's. arm: weight of a torque [m]. Raises InputError for an invalid arm, and
+    for a part or an arm on a device without that choice.
     """
     if part is None and arm is None:
         return None

@@ -311,7 +311,7 @@ def test_current_sensors_that_measured_the_moments_cancel_and_field_sensors_do_n
 
 @pytest.mark.parametrize("asked", [0.0, -0.1, 5.0])
 def test_a_force_that_cannot_be_given_everywhere_is_refused(asked: float) -> None:
-    with pytest.raises(InputError, match="gives at most"):
+    with pytest.raises(InputError, match="produces at most"):
         tool_errors(OMNI, asked)
 
 

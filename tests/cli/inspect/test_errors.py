@@ -93,7 +93,7 @@ def test_values_that_cannot_be_are_refused(tmp_path, line, expected) -> None:
     [
         (["omni", "--wrench", "50 mN"], "belong to --errors"),
         (["omni", "pmsm", "--errors"], "--errors is for one device"),
-        (["omni", "--errors", "--wrench", "3 N"], "gives at most"),
+        (["omni", "--errors", "--wrench", "3 N"], "produces at most"),
         (["omni", "--errors", "--wrench", "3 kg"], "--wrench must be a force"),
         (["omni", "--errors", "--samples", "10"], "--samples must be 100"),
         (["omni", "--errors", "--seed", "-1"], "--seed 0 or more"),
