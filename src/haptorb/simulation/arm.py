@@ -1,9 +1,9 @@
-"""A haptic arm and the hand on it, simulated: what the driver of a real one would meet.
+"""Simulation of a haptic arm and the hand on it, behind the driver interface.
 
 The end effector is a mass with dry and viscous friction between mechanical stops; the motors' currents follow their
-voltages with a first-order lag (L/R), against the back-EMF, and warm the windings; encoders have steps, and velocity is
-a difference of what they read. A gripper is simulated beside it (`gripper`). Left out: torque ripple, links that bend,
-gravity (compensated).
+voltages with a first-order lag (L/R), against the back-EMF, and warm the windings; encoders are quantised, and velocity
+is the difference quotient of their readings. A gripper is simulated separately (`gripper`). Neglected: torque ripple,
+link flexibility, gravity (compensated).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["ARM", "SimulatedArm", "advance_arm"]
 
 _STEP = 1e-4  #: of the simulation [s]
 
-#: All that a simulated arm remembers but its motors.
+#: State of a simulated arm except its motors.
 ARM = fields(
     ("mass", "f8"),  # end effector and hand [kg]
     ("inertia", "f8"),  # [kg·m²]
@@ -58,7 +58,7 @@ ARM = fields(
 
 @kernel
 def _push_back(arm: Record, dt: float, out: Array) -> None:
-    """Add the stops' push [N] in the middle of a step of `dt` [s] to out (6,): springs and dampers that never pull."""
+    """Add the stops' force [N] in the middle of a step of `dt` [s] to out (6,): springs and dampers that never pull."""
     v, half = arm.v, arm.half
     x, y, z = arm.p[0] + 0.5 * dt * v[0], arm.p[1] + 0.5 * dt * v[1], arm.p[2] + 0.5 * dt * v[2]
     middle = (x, y, z)
@@ -81,7 +81,7 @@ def _push_back(arm: Record, dt: float, out: Array) -> None:
 
 @kernel
 def _stick(v: Array, least: float) -> None:
-    """Take the impulse of dry friction, at most `least`, from v (3,): it can stop a motion, but not turn it round."""
+    """Subtract the impulse of dry friction, at most `least`, from v (3,): it can stop a motion, but not reverse it."""
     size = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     share = 0.0 if size <= least else 1.0 - least / size
     for i in range(3):
@@ -90,7 +90,7 @@ def _stick(v: Array, least: float) -> None:
 
 @kernel
 def _turn(q: Array, w: Array, dt: float) -> None:
-    """Turn the quaternion q (4,) by w (3,) [rad/s] in the stator's frame over dt [s]."""
+    """Rotate the quaternion q (4,) by w (3,) [rad/s] in the stator's frame over dt [s]."""
     rate = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     half = 0.5 * rate * dt
     s = np.sin(half) / rate if half > 1e-8 else 0.5 * dt
@@ -106,7 +106,7 @@ def _turn(q: Array, w: Array, dt: float) -> None:
 
 @kernel
 def advance_arm(arm: Records, coils: Records, duties: Array, goal_p: Array, goal_q: Array, per_ampere: Array) -> None:
-    """Some steps of motors, end effector, stops and hand: `arm` (1,) ARM and `coils` (m,) COIL advance.
+    """Advance `arm` (1,) ARM and `coils` (m,) COIL by several steps of motors, end effector, stops and hand.
 
     duties (m,); per_ampere (6, m) [N/A, N·m/A]. Each step is the implicit midpoint in the hand's spring and all
     dampers, (m + d) v' = (m − d) v + dt (F + k (g − p)) with d = dt (c + b)/2 + dt² k/4, less the impulse of dry
@@ -123,7 +123,7 @@ def advance_arm(arm: Records, coils: Records, duties: Array, goal_p: Array, goal
     turn_drag = 0.5 * dt * (grip.turn_damping + e.turn_viscous) + 0.25 * dt * dt * grip.turn_stiffness
     before = np.empty(3)
     for _ in range(e.steps):
-        for k in range(coils.size):  # the power that leaves the motor's circuit is the power that the hand gets
+        for k in range(coils.size):  # the power that leaves the motor's circuit equals the power delivered to the hand
             emf = 0.0
             for i in range(3):
                 emf += per_ampere[i, k] * e.v[i] + per_ampere[3 + i, k] * e.w[i]
@@ -156,9 +156,9 @@ def advance_arm(arm: Records, coils: Records, duties: Array, goal_p: Array, goal
 
 @final
 class SimulatedArm(CoilSimulation):
-    """Motors, end effector and hand of `device`.
+    """Simulation of motors, end effector and hand of `device`.
 
-    held=False lets the end effector go: no hand.
+    held=False: no hand on the end effector.
 
     >>> from haptorb.devices.loader import load
     >>> simulated = SimulatedArm(load("arm"))
@@ -170,7 +170,7 @@ class SimulatedArm(CoilSimulation):
 
     def __init__(self, device: Arm, seed: int = 0, *, held: bool = True) -> None:
         self.device: Arm = device
-        seed_noise(seed)  # refuses what is no number of a device
+        seed_noise(seed)  # rejects an invalid specimen number
         super().__init__(np.zeros(1, dtype=ARM), cold_coils(device), _STEP, device.supply.duty_bits)
         state, effector, workspace = self._state, device.effector, device.workspace
         hand = device.hand if held else None
@@ -189,7 +189,7 @@ class SimulatedArm(CoilSimulation):
         self.reset(seed)
 
     def reset(self, seed: int = 0) -> None:
-        """Cold motors without currents, the end effector at rest at the origin, noise from `seed`."""
+        """Reset: cold motors without currents, the end effector at rest at the origin, noise from `seed`."""
         self._noise = np.random.default_rng(seed)
         self._coils = cold_coils(self.device)
         self._state["wrench"] = 0.0
@@ -199,8 +199,8 @@ class SimulatedArm(CoilSimulation):
         self.place(self.device.rest_position, (0.0, 0.0, 0.0, 1.0))
 
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the end effector at `p` (3,) [m] with quaternion `q` (4,), at rest; within the workspace, and an
-        orientation that cannot turn stays as it is. Raises InputError for what is no place or no quaternion."""
+        """Place the end effector at `p` (3,) [m] with quaternion `q` (4,), at rest, clipped to the workspace; a fixed
+        orientation does not change. Raises InputError for an invalid position or quaternion."""
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any():
             raise InputError(f"p must be a position, shape (3,), q a quaternion, shape (4,); got {p!r}, {q!r}")
@@ -218,7 +218,7 @@ class SimulatedArm(CoilSimulation):
         self._state["heat"] = self.device.coils.heat.coil.step(dt)
 
     def advance(self, dt: float, duties: Array, goal_p: Array, goal_q: Array) -> None:
-        """Let `dt` [s] pass; a goal that is not finite leaves the hand's last one.
+        """Advance by `dt` [s]; a goal that is not finite leaves the hand's last one.
 
         Raises InputError for less than 0 or more than 10 s.
         """
@@ -227,9 +227,9 @@ class SimulatedArm(CoilSimulation):
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor: the pose in steps of the encoders, velocity as its difference.
+        """Read every sensor once: the pose quantised by the encoders, velocity as its difference quotient.
 
-        The angular velocity is the true one. Raises DriverError where the simulation has left the numbers.
+        The angular velocity is the true one. Raises DriverError if the simulated state is not finite.
         """
         device, coils, state = self.device, self._coils, self.state()
         if not np.isfinite(state.p @ state.p + state.v @ state.v + state.w @ state.w):
@@ -248,7 +248,7 @@ class SimulatedArm(CoilSimulation):
         return Sample(t, current, warmth, np.empty((0, 3)), pose, gripper=opening, gripper_velocity=rate)
 
     def _differ(self, t: float, p: Array) -> Array:
-        """(3,) velocity [m/s]: the way since the oldest position in the window, at `t` [s] and `p` (3,) [m]."""
+        """Velocity (3,) [m/s]: displacement since the oldest position in the window, at `t` [s] and `p` (3,) [m]."""
         read = self._read
         if read and read[-1][0] >= t:
             read.pop()
@@ -262,7 +262,7 @@ class SimulatedArm(CoilSimulation):
         return velocity
 
     def _sense_rotation(self, R: Array) -> Array:
-        """(3, 3) R in steps of the wrist's encoders: of the components of its rotation vector."""
+        """R (3, 3) quantised by the wrist's encoders: the components of its rotation vector."""
         step = self.device.encoder.turn_step
         if not step or self.device.effector.orientation == "fixed":
             return R
@@ -278,12 +278,12 @@ class SimulatedArm(CoilSimulation):
         return sensed
 
     def truth(self) -> Array:
-        """(6,) mean wrench of the motors on the end effector over the last `advance` [N, N·m]; friction is no part."""
+        """(6,) mean wrench of the motors on the end effector over the last `advance` [N, N·m], without friction."""
         wrench: Array = self._state["wrench"][0].copy()
         return wrench
 
     def state(self) -> State:
-        """The end effector as it really is."""
+        """True state of the end effector."""
         state, R = self._state, np.empty((3, 3))
         p, q, v, w = (state[name][0].copy() for name in "pqvw")
         matrix(q, R)

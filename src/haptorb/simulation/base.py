@@ -29,7 +29,7 @@ class Simulation(ABC):
     device : Device
         The simulated device.
     gripper : SimulatedGripper or None
-        Its gripper, which advances on its own.
+        Its gripper, which is advanced separately.
     """
 
     device: Device
@@ -109,7 +109,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
-        """Put the mover somewhere, at rest; currents and temperatures do not change.
+        """Place the mover, at rest; currents and temperatures do not change.
 
         Parameters
         ----------
@@ -120,12 +120,12 @@ class Simulation(ABC):
         """
 
     def cool(self) -> None:
-        """Set the coils to the ambient temperature; currents do not change. By default it does nothing."""
+        """Set the coils to the ambient temperature; currents do not change. The default does nothing."""
         return
 
     @abstractmethod
     def reset(self, seed: int = 0) -> None:
-        """Go back to the start: cold coils, no currents, the mover at rest above the dome, or at zero.
+        """Reset to the initial state: cold coils, no currents, the mover at rest above the dome, or at zero.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Simulation(ABC):
 
 
 # --------------------------------------------------------------------------------------------------
-# Common part of the simulated kinds of device: coils behind a chopper, and time in compiled steps.
+# Common part of the simulated kinds of device: coils behind a chopper, and integration in compiled steps.
 
 
 class CoilSimulation(Simulation):

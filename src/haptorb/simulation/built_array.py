@@ -1,10 +1,10 @@
 """Coil array as built: coils drawn from the tolerances of its file, their fields from loops, the magnets as currents.
 
-Coils off their places, askew, of other edges and turns, and magnets of another remanence. Nothing of the controller's
-model is used for coils and magnets: a winding is current loops by elliptic integrals (Smythe, Static and Dynamic
+Coils are displaced and tilted, with deviating radii and turns, and magnets have a deviating remanence. Coils and
+magnets share nothing with the controller's model: a winding is current loops by elliptic integrals (Smythe, Static and Dynamic
 Electricity, §7.10), a magnet is the current around its sides (Ampère), on which the coils' field exerts F = I ∮ dl × B.
-The field of each coil is tabulated before, on a fine grid near it and a coarse one elsewhere. A soft core is that of
-the file; it answers to the drawn coils and magnets in solid harmonics, as in the controller's model.
+The field of each coil is tabulated in advance, on a fine grid near it and a coarse one elsewhere. A soft core is that
+of the file; its response to the drawn coils and magnets is in solid harmonics, as in the controller's model.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class ArrayTruth(NamedTuple):
 
 @kernel
 def _weigh(t: float, w: Array) -> None:
-    """w (4,) of cubic convolution (Keys 1981) at the place t, 0 to 1, between the second and the third point."""
+    """Weights w (4,) of cubic convolution (Keys 1981) at t, 0 to 1, between the second and the third point."""
     w[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
     w[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
     w[2] = t * (0.5 + t * (2.0 - 1.5 * t))
@@ -198,7 +198,7 @@ def make_array_truth(device: CoilArray, windings: PlacedCoils, strength: float =
         windings.inner_radius, windings.outer_radius, 0.5 * windings.length,
         np.maximum(windings.outer_radius, 0.5 * windings.length),
     ])  # fmt: skip
-    # The farthest that a magnet comes from a coil, with room for a hand that pulls the tool out of its workspace.
+    # Maximum distance of a magnet from a coil, with a margin for a hand that pulls the tool out of its workspace.
     across = surface.dome_radius or float(np.hypot(*surface.half_width))
     far = 1.5 * (float(np.linalg.norm(windings.position, axis=1).max()) + across + surface.thickness + tool.reach)
     near = int(np.ceil(_REACH * _CELLS_NEAR)) + 2 * _MARGIN
@@ -220,7 +220,7 @@ def make_array_truth(device: CoilArray, windings: PlacedCoils, strength: float =
 
 
 # --------------------------------------------------------------------------------------------------
-# Drawing a specimen.
+# Drawing of a specimen.
 
 
 def draw_coils(device: CoilArray, specimen: int = 0) -> PlacedCoils:

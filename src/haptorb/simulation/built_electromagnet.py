@@ -1,10 +1,10 @@
 """Electromagnet as built: parameters drawn from the tolerances of its file, field computed from filaments.
 
-Windings of other sizes, off their places and askew, with a turn more or less in each layer, a core off the centre, not
-quite round and of another permeability, a magnet of another remanence, the earth's field, and a steel object near, if
-there is one. Nothing of the controller's
-model is used: a winding is current loops by elliptic integrals (Smythe, Static and Dynamic Electricity, §7.10), the
-core's answer is solid harmonics about its own centre, the magnet is charges on its faces.
+Windings have deviating sizes, positions and axes, and up to a turn more or less in each layer; the core is off-centre,
+slightly ellipsoidal and of another permeability; the magnet has another remanence; the earth's field and, optionally, a
+steel object nearby are included. Nothing is shared with the controller's model: a winding is current loops by elliptic
+integrals (Smythe, Static and Dynamic Electricity, §7.10), the core's response is solid harmonics about its own centre,
+the magnet is charges on its faces.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ class BuiltElectromagnet:
     def compute_stretch(self) -> Array:
         """(3, 3) [A·m²/T] moment of the core in a uniform field minus that of a ball.
 
-        The moment of an ellipsoid: V χ/(1 + N χ) H (Stratton, Electromagnetic Theory, §3.27). Its answers of higher
-        degree are taken as the ball's: the share that is left out is that of `core_stretch` in them.
+        The moment of an ellipsoid: V χ/(1 + N χ) H (Stratton, Electromagnetic Theory, §3.27). Its responses of higher
+        degree are those of a ball: the relative error is `core_stretch` in these terms.
         """
         axes = self.core.radius * (1.0 + self.core_stretch)
         squares, volume = axes**2, 4 * np.pi / 3 * float(np.prod(axes))
@@ -339,10 +339,10 @@ def compute_fields(t: TruthMap, points: Array) -> Array:
 
 
 def find_gauss_points(layers: Array, count: int) -> tuple[Array, Array]:
-    """(count,) places from 0 to 1 and weights, of sum 1, for integrals over layers of equal depth with turns `layers`.
+    """Nodes (count,) from 0 to 1 and weights, of sum 1, for integrals over layers of equal depth with turns `layers`.
 
-    Exact for polynomials of degree 2 count − 1 (Golub and Welsch, Math. Comp. 23, 1969); Legendre's for layers that are
-    alike.
+    Exact for polynomials of degree 2 count − 1 (Golub and Welsch, Math. Comp. 23, 1969); Gauss–Legendre for equal
+    layers.
 
     >>> at, weight = find_gauss_points(np.array([20.0, 22.0]), 2)
     >>> bool(abs(weight @ at - (20 * 0.25 + 22 * 0.75) / 42) < 1e-12)
@@ -371,10 +371,10 @@ def draw_electromagnet(
 ) -> BuiltElectromagnet:
     """Draw specimen number `specimen` of the electromagnets within the tolerances of `device`; reproducible.
 
-    Every value lies within √3 times its standard deviation of [tolerance] or [uncertainty], all alike likely; moments
-    per ampere that were measured are known as well as [uncertainty] says, whatever the windings are: a turn more in one
-    layer is then less in the others. Without tolerances (`device.tolerance` is None) it is the file's.
-    GeometryError for windings that always meet the core.
+    Every value is uniform within √3 times its standard deviation of [tolerance] or [uncertainty]; moments per ampere
+    that were measured deviate by [uncertainty] only, independent of the windings: an additional turn in one layer is
+    balanced by the others. Without tolerances (`device.tolerance` is None) it is exactly the file's. GeometryError for
+    windings that always intersect the core.
     """
     tool, known, tolerance = device.tool, device.uncertainty, device.tolerance
     size = (tool.outer_radius, tool.inner_radius, tool.length)
@@ -455,7 +455,7 @@ def _scale_to_moments(
     device: SphericalElectromagnet, coils: PlacedCoils, core: SoftSphere, moments: Array, place: Array | None = None,
     layers: tuple[Array, ...] = (),
 ) -> PlacedCoils:  # fmt: skip
-    """`coils` with the number of turns for which the fields on their axes match `moments` (3, 3) [m²].
+    """Return `coils` with the number of turns for which the fields on their axes match `moments` (3, 3) [m²].
 
     Measured at the device's `moments_at` from its centre; far away, the moments themselves.
     """

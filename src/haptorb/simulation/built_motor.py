@@ -1,8 +1,8 @@
 """Spherical motor as built: parameters drawn from the tolerances of its file, torque and field from turns and charges.
 
-Magnets of other strengths, off their places and askew; coils of other edges, places, axes and turns in each layer;
-field sensors off their places; a regulator and a weight that are not quite those of the file. Nothing of the
-controller's model is used: a coil is its turns, each a current loop by elliptic integrals (Smythe, Static and Dynamic
+Magnets have deviating strengths, positions and axes; coils deviating radii, positions, axes and turns in each layer;
+field sensors deviating positions; regulator and weight deviate slightly from those of the file. Nothing is shared with
+the controller's model: a coil is its turns, each a current loop by elliptic integrals (Smythe, Static and Dynamic
 Electricity, §7.10), a magnet is charges on its faces, and so are the regulator's rings.
 
 Torque. A magnet and a loop whose axes go through the motor's centre have one co-energy per ampere Λ(s), s = u·c, of the
@@ -184,7 +184,7 @@ def fill_field(m: MotorTruth, strength: Array, R: Array, out: Array) -> None:
 
 
 class _Region(NamedTuple):
-    """Where the turns of every coil that may be drawn lie: radii, and heights over the motor's centre."""
+    """Region of the turns of all coils that may be drawn: radii, and heights over the motor's centre."""
 
     inner: float  #: [m]
     outer: float  #: [m]
@@ -192,7 +192,7 @@ class _Region(NamedTuple):
     high: float  #: [m]
 
     def nodes(self) -> tuple[Array, Array]:
-        """(n,) radii and (n,) heights of the loops that are tabulated [m]."""
+        """(n,) radii and (n,) heights of the tabulated loops [m]."""
         x = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
         return (
             0.5 * (self.inner + self.outer) + 0.5 * (self.outer - self.inner) * x,
@@ -200,9 +200,9 @@ class _Region(NamedTuple):
         )
 
     def weigh(self, radii: Array, heights: Array, turns: Array) -> Array:
-        """(n²,) turns of each tabulated loop that together act as loops at `radii` and `heights` (f,) with `turns`.
+        """(n²,) turns of the tabulated loops equivalent to loops at `radii` and `heights` (f,) with `turns`.
 
-        Lagrange's polynomials over the nodes, by Chebyshev's.
+        Lagrange interpolation over the Chebyshev nodes.
         """
         degrees, node = np.arange(_NODES), np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
         polynomials = np.cos(np.outer(np.arccos(node), degrees)) * np.where(degrees == 0, 1.0, 2.0) / _NODES
@@ -274,7 +274,7 @@ def _fill_sensed(charges: Array, distance: float, sensor: float, angles: Array, 
 
 
 def _choose_charges(magnet: CylinderMagnet, gap: float, finer: float = 1.0) -> tuple[int, int]:
-    """Charges across and around on half a face of `magnet` for what is no nearer than `gap` [m]."""
+    """Numbers of charges across and around on half a face of `magnet` for distances of at least `gap` [m]."""
     ratio = finer * magnet.radius / gap
     return min(int(3 + 1.6 * ratio), _MAX_CHARGES[0]), min(int(6 + 4.5 * ratio), _MAX_CHARGES[1])
 
@@ -323,7 +323,7 @@ def _tabulate_field(radius: float, length: float, polarization: float, distance:
 def _lay_out(values: Array) -> Array:
     """(m, cells + 1, 4 q) cubic pieces of `values` (m, cells + 1, q) at the pieces' ends, twice differentiable.
 
-    The slope is zero at chord 0, as the functions are even there; the last row continues the piece before it.
+    The slope is zero at chord 0, because the functions are even; the last row continues the previous piece.
     """
     count = values.shape[1]
     system = 4.0 * np.eye(count) + np.eye(count, k=1) + np.eye(count, k=-1)
@@ -341,7 +341,7 @@ def _lay_out(values: Array) -> Array:
 
 
 def _find_gap(magnet: CylinderMagnet, distance: float, region: _Region) -> float:
-    """Least distance between a magnet's sphere and the turns of any coil [m]; GeometryError without one."""
+    """Minimum distance between a magnet's sphere and the turns of any coil [m]; GeometryError without a gap."""
     face, rim = distance - 0.5 * magnet.length, float(np.hypot(distance + 0.5 * magnet.length, magnet.radius))
     gap = max(face - float(np.hypot(region.high, region.outer)), region.low - rim)
     if gap <= 0.0:
@@ -408,7 +408,7 @@ def _expand_rings(
 
 @dataclass(frozen=True)
 class BuiltMotor:
-    """True magnets, coils and sensors of one specimen, and what computes with them."""
+    """True magnets, coils and sensors of one specimen, with their torques and fields."""
 
     device: SphericalMotor
     magnet_places: Array  #: (p, 3) centres, rotor frame [m]
@@ -423,7 +423,7 @@ class BuiltMotor:
     region: _Region
 
     def compile(self) -> MotorTruth:
-        """Tables and geometry for compiled code."""
+        """Compute tables and geometry for compiled code."""
         device, magnet = self.device, self.device.magnet
         out = np.linalg.norm(self.magnet_places, axis=1)
         coil_out = np.linalg.norm(self.coil_places, axis=1)
@@ -473,7 +473,7 @@ def _fill_loops(loops: Array, points: Array, out: Array) -> None:
 
 
 def _across(axes: Array, toward: Array) -> Array:
-    """(n, 3) part of `axes` across the unit vectors `toward`, for a part along them of 1."""
+    """(n, 3) component of `axes` perpendicular to the unit vectors `toward`, relative to that along them."""
     lean: Array = axes / (axes * toward).sum(axis=1, keepdims=True) - toward
     return lean
 
@@ -481,12 +481,12 @@ def _across(axes: Array, toward: Array) -> Array:
 def draw_motor(device: SphericalMotor, specimen: int = 0, placement: Array | None = None) -> BuiltMotor:
     """Draw specimen number `specimen` of the motors within the tolerances of `device`; reproducible.
 
-    placement (k, 3) [m]: of the field sensors from their places, which `draw_sensors` draws.
+    placement (k, 3) [m]: displacement of the field sensors, from `draw_sensors`.
 
-    Every value lies within √3 times its standard deviation of [tolerance] or [uncertainty], all alike likely. Where
-    these would close the gap between coils and magnets to less than six tenths, all places and edges are drawn that
-    much closer to the file's: a builder does not leave parts that touch. Without tolerances (`device.tolerance` is
-    None) it is the file's. GeometryError for a motor without a gap.
+    Every value is uniform within √3 times its standard deviation of [tolerance] or [uncertainty]. If these reduce the
+    gap between coils and magnets below six tenths, all positions and edges are scaled towards the file's, because a
+    builder would not leave parts that touch. Without tolerances (`device.tolerance` is None) it is exactly the file's.
+    GeometryError for a motor without a gap.
     """
     known, tolerance = device.uncertainty, device.tolerance
     magnets, coils, coil = device.magnets, device.electromagnets, device.electromagnet
@@ -541,14 +541,14 @@ def _add_weight(regulator: Array, weight: float) -> Array:
 
 
 def _keep_radial(places: Array, distance: float, most: float) -> Array:
-    """`places` (n, 3), none nearer to the centre or farther from it than `distance` ± `most` [m]."""
+    """Clip the distance of `places` (n, 3) from the centre to `distance` ± `most` [m]."""
     out = np.linalg.norm(places, axis=1, keepdims=True)
     kept: Array = places * np.clip(out, distance - most, distance + most) / out
     return kept
 
 
 def _tilt(axes: Array, lean: Array) -> Array:
-    """(n, 3) `axes` turned by `lean` (n, 3) [rad]; a rotation about the axis itself changes nothing."""
+    """Rotate `axes` (n, 3) by `lean` (n, 3) [rad]; a rotation about the axis itself has no effect."""
     turned = axes + np.cross(lean, axes)
     tilted: Array = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     return tilted
@@ -557,10 +557,10 @@ def _tilt(axes: Array, lean: Array) -> Array:
 def _wind_layers(
     device: SphericalMotor, coil: Coil, edges: Array, per_layer: float, draw: np.random.Generator
 ) -> Array:
-    """(3, f) turns of one coil: radii and heights over its middle [m], turns of each loop.
+    """Loops (3, f) of one coil: radii and heights over its middle [m], turns of each loop.
 
-    edges (3,): excess of inner radius, outer radius and length [m]. A layer begins and ends anywhere, so it has up to
-    √3 `per_layer` turns more or less than it should. The turns of a layer are spread over the length.
+    edges (3,): excess of inner radius, outer radius and length [m]. A layer has up to √3 `per_layer` turns more or less
+    than nominal, because its ends are arbitrary. The turns of a layer are spread over the length.
     """
     in_series = float(np.abs(device.groups).sum(axis=0)[0])
     copper = wire_diameter(coil, float(device.coils.resistance[0]) / in_series, device.coils.copper_resistivity)

@@ -1,8 +1,8 @@
 """Simulation of a coil array with its tool and a hand, behind the driver interface.
 
-The array is one of those that may be built within the tolerances of its file (`built_array`), which no controller
-knows. Its coils have inductance and warm up, the moving tool induces a voltage in them, and sensors are noisy. Left
-out: mutual inductance between coils, eddy currents, the core's remanence.
+The array is a random specimen within the tolerances of its file (`built_array`), unknown to the controller. Its coils
+have inductance and warm up, the moving tool induces a voltage in them, and sensors are noisy. Neglected: mutual
+inductance between coils, eddy currents, the core's remanence.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ def advance_array(
 ) -> None:
     """Advance `array` (1,) COIL_ARRAY and `coils` (m,) COIL by several steps of coils, core, tool, surface and hand.
 
-    duties (m,); the hand goes to goal_p (3,) [m] and goal_q (4,) where they are numbers and a turn, else to where it
-    went; held (2, 11, max(m, 6)): pose (4), passive (1) and matrix (6, m) of the newest map, and what they have changed
-    by since the one before.
+    duties (m,); the hand moves to goal_p (3,) [m] and goal_q (4,) if they are valid, else to its last goal; held
+    (2, 11, max(m, 6)): pose (4), passive (1) and matrix (6, m) of the newest map, and their change since the previous
+    one.
     """
     e = array[0]
     tool, truth, dt, count = e.tool, e.wrench, e.dt, coils.size
@@ -138,16 +138,16 @@ _INITIAL_MAP_AGE = 1_000_000  #: initial age, so that the map is computed at the
 
 @final
 class SimulatedCoilArray(CoilSimulation):
-    """Coils, core, tool, surface and hand of `device`.
+    """Simulation of coils, core, tool, surface and hand of `device`.
 
-    specimen: number of the device among its like, from 0: coils and magnets are drawn with it; None: `seed`. held=False
-    lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
+    specimen: number of the specimen, from 0: seed of its coils and magnets; None: `seed`. held=False: no hand, and
+    gravity acts on the tool. With a hand, the hand carries the tool's weight.
 
     >>> from haptorb.devices.loader import load
     >>> simulated = SimulatedCoilArray(load("tetrahedron"), seed=1)
     >>> for _ in range(20):
     ...     simulated.advance(1e-3, np.zeros(4), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
-    >>> bool(-13e-3 < simulated.truth()[2] < -11.5e-3)      # currents off, and still the core pulls
+    >>> bool(-13e-3 < simulated.truth()[2] < -11.5e-3)      # currents off: the core attracts the tool
     True
     """
 
@@ -177,7 +177,7 @@ class SimulatedCoilArray(CoilSimulation):
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Place the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below the surface it is raised to contact.
 
-        Raises InputError for what is no place or no quaternion.
+        Raises InputError for an invalid position or quaternion.
         """
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any():
@@ -202,9 +202,9 @@ class SimulatedCoilArray(CoilSimulation):
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor, with the tool's true pose as the tracker's output.
+        """Read every sensor once, with the tool's true pose as the tracker's output.
 
-        Raises DriverError where the simulation has left the numbers.
+        Raises DriverError if the simulated state is not finite.
         """
         device, coils, state = self.device, self._coils, self.state()
         if not np.isfinite(state.p @ state.p + state.v @ state.v + state.w @ state.w):
@@ -235,7 +235,7 @@ class SimulatedCoilArray(CoilSimulation):
 
 
 def lift(p: Array, contact: float, is_dome: bool) -> Array:
-    """(3,) `p` (3,) [m], or the point above it where the tool's origin is in contact, `contact` [m] up or out.
+    """Return `p` (3,) [m], raised to the tool's origin at contact, `contact` [m] up or out, if it is below.
 
     >>> lift(np.array([0.0, 0.0, 0.01]), 0.05, True).tolist()
     [0.0, 0.0, 0.05]
@@ -250,7 +250,7 @@ def lift(p: Array, contact: float, is_dome: bool) -> Array:
 
 
 def quantise_reading(values: Array, step: float) -> Array:
-    """(m,) `values` (m,) rounded to steps of a converter, in the same unit; a step of 0 is an ideal one.
+    """Round `values` (m,) to steps of a converter, in the same unit; step 0: ideal.
 
     >>> quantise_reading(np.array([0.26]), 0.1).round(3).tolist()
     [0.3]

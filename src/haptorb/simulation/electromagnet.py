@@ -1,9 +1,8 @@
 """Simulation of a spherical electromagnet with its tool and a hand, behind the driver interface.
 
-The truth is not the controller's model: coils, core and magnet are those of one built device (`built_electromagnet`),
-eddy currents delay the core, some of its moment stays, and it saturates, coils have inductance and warm up, the moving
-tool induces a voltage in them, sensors are noisy, off their places and askew. So what is asked and what is given differ
-here as they would in reality.
+The plant differs from the controller's model: coils, core and magnet are those of one specimen (`built_electromagnet`);
+the core has eddy currents, remanence and saturation; coils have inductance and warm up; the moving tool induces a
+voltage in them; sensors are noisy, displaced and misaligned. So commanded and actual wrench differ as on a real device.
 """
 
 from __future__ import annotations
@@ -199,7 +198,7 @@ def _place_charges(rows: Array, R: Array, p: Array, out: Array) -> None:
 def _fill_field(magnets: Magnets, coils: Records, extra: Array, R: Array, p: Array, out: Array) -> None:
     """out (k, 3) [T]: the field at the sensors with the coils' currents and the tool at R (3, 3), p (3,).
 
-    extra (3,) [A·m²]: the electromagnet's moment beside that of its currents.
+    extra (3,) [A·m²]: the electromagnet's moment in addition to that of its currents.
     """
     ring, coarse, sensors = np.empty_like(magnets.ring), np.empty_like(magnets.coarse), magnets.sensors
     away, at_core, at_steel, more, steel = np.empty(3), np.zeros(3), np.zeros(3), np.empty(3), np.zeros(3)
@@ -242,8 +241,7 @@ def _is_finite(tool: Record) -> bool:
 def sense(
     electromagnet: Records, coils: Records, halls: Records, magnets: Array, pose: Array, read: Array, field: Array
 ) -> bool:
-    """One reading of each sensor, and the tool's true pose; False, without a reading, if the tool's state is not
-    finite.
+    """Read each sensor once, and the tool's true pose; False, without a reading, if the tool's state is not finite.
 
     electromagnet (1,) ELECTROMAGNET, coils (m,) COIL, halls (k,) HALL, magnets as `pack_magnets` made them; pose (6, 3)
     becomes R, p, v and w; read (2 m,) currents [A], then temperatures [K]; field (k, 3) [T].
@@ -282,7 +280,7 @@ _STAND_CONDUCTANCE = 0.05  #: conductance of the stand, relative to that of all 
 def draw_network(device: Device, specimen: int = 0) -> ThermalNetwork:
     """Network of a `specimen` of `device` within its tolerances; the file's own if its values are exact.
 
-    Of one file and number it is always the same: noise changes from run to run, coils do not.
+    Reproducible for one file and number.
     """
     heat = device.coils.heat
     network = heat.network(device.channels)
@@ -350,9 +348,9 @@ def advance(
 
     steps: of the call's, after the `first` of them.
 
-    duties (m,); the hand goes to goal_p (3,) [m] and goal_q (4,) where they are numbers and a turn, else to where it
-    went; moment_per_current (6, m) [m²] as in `core_step`; held (2, 17, 6): the newest map, and what it has changed by
-    since the one before.
+    duties (m,); the hand moves to goal_p (3,) [m] and goal_q (4,) if they are valid, else to its last goal;
+    moment_per_current (6, m) [m²] as in `core_step`; held (2, 17, 6): the newest map, and its change since the previous
+    one.
     """
     e = electromagnet[0]
     tool, wrench, dt, count = e.tool, e.wrench, e.dt, coils.size
@@ -403,13 +401,12 @@ _MIN_STEP_S = 5e-6  #: minimum step: with finer ones a simulation is slower than
 
 @final
 class SimulatedElectromagnet(CoilSimulation):
-    """Coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
+    """Simulation of coils, core, tool, dome and hand of `device`, in steps of at most `step` [s].
 
-    specimen: number of the device among its like, from 0; its coils, core, magnet and sensors are drawn from the device
-    file's distributions with it, so that the same number is the same device for any seed of the noise. None: `seed`.
-    steel: an object near it.
+    specimen: number of the specimen, from 0: seed of its coils, core, magnet and sensors, drawn from the device file's
+    distributions, independent of the seed of the noise. None: `seed`. steel: an object nearby.
 
-    held=False lets the tool go: no hand, and gravity acts on it. With a hand, the hand carries the tool's weight.
+    held=False: no hand, and gravity acts on the tool. With a hand, the hand carries the tool's weight.
 
     Raises InputError for a step above 1 ms.
 
@@ -418,7 +415,7 @@ class SimulatedElectromagnet(CoilSimulation):
     >>> omni.place((0, 0, 0.06), (0, 0, 0, 1))
     >>> for _ in range(20):
     ...     omni.advance(1e-3, np.zeros(3), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
-    >>> bool(-12.3e-3 < omni.truth()[2] < -12.2e-3)      # currents off, and still the core pulls, erratum E18
+    >>> bool(-12.3e-3 < omni.truth()[2] < -12.2e-3)      # currents off: the core attracts the tool, erratum E18
     True
     """
 
@@ -512,7 +509,7 @@ class SimulatedElectromagnet(CoilSimulation):
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Place the tool at `p` (3,) [m] with quaternion `q` (4,), at rest; below contact it is raised to contact.
 
-        Raises InputError for the centre, and for what is no quaternion.
+        Raises InputError for the centre, and for an invalid quaternion.
         """
         at, turned = vectors(p, "p"), check_finite(q, "q")
         if at.shape != (3,) or turned.shape != (4,) or not turned.any() or not at.any():
@@ -564,9 +561,9 @@ class SimulatedElectromagnet(CoilSimulation):
         self._state["age"] = 0
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor, with the tool's true pose as the tracker's output.
+        """Read every sensor once, with the tool's true pose as the tracker's output.
 
-        Raises DriverError where the simulation has left the numbers.
+        Raises DriverError if the simulated state is not finite.
         """
         channels, places = self.device.channels, self.device.sensors
         read, pose = np.empty(2 * channels), np.empty((6, 3))

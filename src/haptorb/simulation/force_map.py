@@ -1,6 +1,6 @@
 """Force map: radial force of the device at many positions, limits included.
 
-This is not the map that the world defines. The world's wrench goes through the controller model, the allocation and
+This is not the force field of the world: the world's wrench goes through the controller model, the allocation and
 the current limits; the resulting force is that of the exact magnets and the core's own pull.
 """
 
@@ -68,7 +68,8 @@ def force_map(
 
     Notes
     -----
-    The pull of the core is compensated as far as the controller model includes it. Inductance and heat are left out.
+    The attraction of the core is compensated as far as the controller model includes it. Inductance and heat are
+    neglected.
 
     Examples
     --------

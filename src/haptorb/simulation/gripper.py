@@ -1,7 +1,7 @@
-"""A gripper and the fingers in it, simulated: one mass between stops, with friction, a motor and encoders.
+"""Simulation of a gripper and the fingers in it: one mass between stops, with friction, a motor and encoders.
 
 The opening x follows m x'' = motor + stops + k (goal − x) − (b + c) x' − dry friction. The motor's force follows its
-command with a first-order lag. Left out: the motor's heat, and what the fingers' motion does to the arm.
+command with a first-order lag. Neglected: the motor's heat, and the reaction of the fingers' motion on the arm.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ _GRIPPER = fields(
 
 @kernel
 def _advance(state: Records, command: float, goal: float, dt: float, steps: int) -> None:
-    """`steps` steps of `dt` [s] towards `goal` [m] under `command` [N]: implicit midpoint in springs and dampers."""
+    """Advance by `steps` steps of `dt` [s] towards `goal` [m] under `command` [N]: implicit midpoint in springs and
+    dampers."""
     g: Record = state[0]
     follow = 1.0 - math.exp(-dt / _LAG_S)
     drag = 0.5 * dt * g.damping + 0.25 * dt * dt * g.stiffness
@@ -53,7 +54,7 @@ def _advance(state: Records, command: float, goal: float, dt: float, steps: int)
         elif middle > g.widest:
             push -= max(_STOP_STIFFNESS * (middle - g.widest) + _STOP_DAMPING * g.v, 0.0)
         v = ((g.mass - drag) * g.v + dt * push) / (g.mass + drag)
-        slowed = abs(v) - dt * g.coulomb / (g.mass + drag)  # dry friction stops a motion, and does not turn it round
+        slowed = abs(v) - dt * g.coulomb / (g.mass + drag)  # dry friction stops a motion, but does not reverse it
         v = math.copysign(slowed, v) if slowed > 0.0 else 0.0
         g.x += 0.5 * dt * (g.v + v)
         g.v = v
@@ -61,7 +62,7 @@ def _advance(state: Records, command: float, goal: float, dt: float, steps: int)
 
 @final
 class SimulatedGripper:
-    """Motor, thumb and finger of `gripper`, and the hand's fingers, which are relaxed, half open, without a goal.
+    """Motor, thumb and finger of `gripper`, and the hand's fingers, which are relaxed and half open without a goal.
 
     >>> simulated = SimulatedGripper(Gripper(0.025, 8.0, 0.1, 0.02, 0.05, 0.2, 1e-5, 0.02, 300.0, 2.0))
     >>> for _ in range(500):
@@ -82,32 +83,32 @@ class SimulatedGripper:
         self.reset()
 
     def reset(self, goal: float = math.nan) -> None:
-        """At rest at the fingers' `goal` [m], without force."""
+        """Reset: at rest at the fingers' `goal` [m], without force."""
         self._state["x"], self._state["v"], self._state["force"] = self._find_goal(goal), 0.0, 0.0
         self._read.clear()
 
     def _find_goal(self, goal: float) -> float:
-        """[m] within the gripper; half open without one."""
+        """Goal [m] clipped to the gripper's range; half open without one."""
         return min(max(goal, 0.0), self._gripper.opening) if math.isfinite(goal) else 0.5 * self._gripper.opening
 
     def advance(self, dt: float, command: float, goal: float) -> None:
-        """Let `dt` [s] pass under the motor's `command` [N], positive to open, with the fingers' `goal` [m]."""
+        """Advance by `dt` [s] under the motor's `command` [N], positive to open, with the fingers' `goal` [m]."""
         steps = max(math.ceil(dt / _STEP - _TIME_ERROR_S / _STEP), 1)
         if dt > 0.0:
             _advance(self._state, command, self._find_goal(goal), dt / steps, steps)
 
     @property
     def opening(self) -> float:
-        """[m] as it really is."""
+        """True opening [m]."""
         return float(self._state["x"][0])
 
     @property
     def force(self) -> float:
-        """[N] of the motor now, positive to open."""
+        """Present force of the motor [N], positive to open."""
         return float(self._state["force"][0])
 
     def read(self, t: float) -> tuple[float, float]:
-        """Opening [m] in steps of the encoder, and its rate [m/s] over the last 5 ms, at `t` [s]."""
+        """Opening [m] quantised by the encoder, and its rate [m/s] over the last 5 ms, at `t` [s]."""
         step, x = self._gripper.step, self.opening
         seen = round(x / step) * step if step > 0.0 else x
         read = self._read

@@ -149,7 +149,7 @@ def upright_quaternions(places: Array) -> Array:
 
 
 class GuidedMotion(ABC):
-    """Motion that begins at time zero and rests after `duration` [s]; a pure function of time."""
+    """Motion that starts at time zero and rests after `duration` [s]; a pure function of time."""
 
     duration: float
     relaxes = True  #: whether the hand yields to a load after the motion
@@ -166,7 +166,7 @@ class GuidedMotion(ABC):
 
 @final
 class DomeMotion(GuidedMotion):
-    """Stylus that slides over the dome and circles its summit: see `guide_calibration`."""
+    """Stylus that slides over the dome and circles its summit: see `position_on_path`."""
 
     duration = DURATION
 
@@ -222,7 +222,7 @@ def _(device: SphericalElectromagnet) -> DomeMotion:
 
 @final
 class AtRest(GuidedMotion):
-    """Hand at rest on the mover: for devices without a motion of their own."""
+    """Hand at rest on the mover, for devices without a guided motion."""
 
     duration = 0.0
 
@@ -350,7 +350,7 @@ def check_pose(
 ) -> HandPose:
     """(3,) `p` [m] and (4,) normalised quaternion `q`; None: the tool's axis radial, or `upright`.
 
-    Raises InputError for another shape, a number that is not finite, a place farther than `farthest` [m] from the
+    Raises InputError for another shape, a non-finite number, a position farther than `farthest` [m] from the
     device's centre, or a quaternion of zeros.
     """
     position = _check_numbers(p, 3, "p must be the position of the tool's magnet, 3 finite numbers [m]")
@@ -386,9 +386,9 @@ class SampledPath:
     """Sampled poses with linear interpolation; the last one remains from its time on.
 
     poses   (n, 3) places [m], or (n, 7) places and quaternions (x, y, z, w)
-    times   (n,) when the hand is there [s] after the start, each later than the one before
-    farthest   from the device's centre [m]
-    upright    whether a place alone means an upright tool, not a radial one
+    times   (n,) of the poses [s] after the start, increasing
+    farthest   maximum distance from the device's centre [m]
+    upright    whether the tool is upright, not radial, for a position without a quaternion
 
     >>> path = SampledPath([(0, 0, 0.05), (0, 0, 0.06)], [0.0, 1.0])
     >>> path(0.5)[0].round(3).tolist(), path(9.0)[0].tolist()
@@ -453,11 +453,11 @@ _TICK_ERROR = 1e-9  #: rounding tolerance of a tick's deadline [s]
 class ScriptedMotion(GuidedMotion):
     """Scripted motion of a hand from a file or a test: poses, opening of the gripper, and buttons, over time.
 
-    It begins at time zero of the loop's clock and stays at the last pose; a pointer that is held replaces it.
+    It starts at time zero of the loop's clock and stays at the last pose; a held pointer overrides it.
 
     path     poses at times
     presses  times (k,) [s] and pressed buttons (k,) [1] from then on, a sum: 1 a, 2 b, 4 c
-    grip     times (n,) [s] and the gripper's opening (n,) [m], straight lines between them; None: no gripper
+    grip     times (n,) [s] and the gripper's opening (n,) [m], interpolated linearly; None: no gripper
     name     of the file; `digest` is its SHA-256
 
     >>> motion = ScriptedMotion(SampledPath([(0, 0, 0.06), (0, 0, 0.05)], [0.0, 1.0]), presses=([0.5], [1]))
@@ -608,8 +608,8 @@ _LED_TOOL_LEAN = 0.4  #: maximum slope of the moved tool, each way
 def lead_tool(device: SphericalElectromagnet, now: float, reach: float = 1.0) -> tuple[Array, Array]:
     """Position (3,) [m] and quaternion (4,) at `now` [s] of a user who moves the tool over the whole dome.
 
-    Round and up and down, up to `reach` of the workspace's angle, lifted and leaning to all sides; three to thirteen
-    seconds for each of these motions.
+    It circles, moves up and down to `reach` of the workspace's angle, is lifted, and tilts to all sides, with periods
+    of three to thirteen seconds.
     """
     turn = 2 * np.pi * now / 4.7
     polar = device.workspace_half_angle * reach * (0.52 - 0.46 * np.cos(2 * np.pi * now / 13.1))

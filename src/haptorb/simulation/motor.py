@@ -1,11 +1,11 @@
 """Simulation of a spherical motor with a hand on its handle, behind the driver interface.
 
-The motor is one of those that may be built within the tolerances of its file (`built_motor`), which no controller
-knows. The coils have inductance, warm up, and feel the turning magnets as an electromotive force from the same torque
-characteristic that turns currents into torque; weight and regulator act on the rotor; the bearing rubs and the rotor
-stops at the edge of its workspace; 48 imperfect Hall sensors see the magnets and the coils. Not modelled: eddy currents
-(all parts but the magnets are non-magnetic, and the frame is taken as non-conducting), mutual inductance of the coils,
-the chopper's ripple, and the bearing's clearance.
+The motor is a random specimen within the tolerances of its file (`built_motor`), unknown to the controller. The coils
+have inductance, warm up, and a back-EMF from the same torque per ampere that converts currents to torque; weight and
+regulator act on the rotor; the bearing has friction, and the rotor has an end stop at the edge of its workspace; 48
+imperfect Hall sensors measure the field of magnets and coils. Not modelled: eddy currents (all parts but the magnets
+are non-magnetic, and the frame is assumed to be non-conducting), mutual inductance of the coils, the chopper's ripple,
+and the bearing's clearance.
 """
 
 from __future__ import annotations
@@ -195,11 +195,11 @@ MOTOR = fields(
 def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, goal: Array) -> None:
     """Advance `motor` (1,) MOTOR and `coils` (m,) COIL by several steps of rotor and coils.
 
-    The torque characteristic changes with the pose, and little from step to step: it is looked up once for as many
-    steps as the rotor needs for STRIDE, in their middle.
+    The torque per ampere changes little from step to step: it is evaluated once per rotation by STRIDE, at its
+    midpoint.
 
-    magnetics as `pack_truth` made them; strength (p,) of the magnets; duties (m,); the hand goes to goal (4,) if
-    that is a quaternion, else to where it went.
+    magnetics as `pack_truth` made them; strength (p,) of the magnets; duties (m,); the hand moves to goal (4,) if
+    it is valid, else to its last goal.
     """
     m, parts = motor[0], unpack_truth(magnetics)
     rotor, truth, dt, steps, channels = m.rotor, m.torque, m.dt, m.steps, coils.size
@@ -271,7 +271,7 @@ def sense(
     motor: Records, coils: Records, halls: Records, magnetics: Array, strength: Array, pose: Array, read: Array,
     field: Array,
 ) -> bool:  # fmt: skip
-    """One reading of every sensor, and the rotor's true motion; False, without a reading, if it is not finite.
+    """Read every sensor once, and the rotor's true motion; False, without a reading, if it is not finite.
 
     motor, coils, magnetics and strength as in `advance`; halls (k,) HALL; pose (4, 3) becomes R and w; read (2 m,)
     currents [A], then temperatures [K]; field (k, 3) [T].
@@ -330,7 +330,7 @@ def potential_energy(coefficients: Array, least: float, cosine: float) -> float:
 
 
 def limit_tilt(q: Array, tilt: float) -> Array:
-    """`q` with its tilt limited to `tilt` about the same axis; the spin does not change.
+    """Limit the tilt of `q` to `tilt` about the same axis; the spin does not change.
 
     Quaternions (4,), `tilt` in [rad].
     """
@@ -350,14 +350,14 @@ def limit_tilt(q: Array, tilt: float) -> Array:
 
 @final
 class SimulatedMotor(CoilSimulation):
-    """Coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
+    """Simulation of coils, magnets, rotor, hand and sensors of `device`, in steps of at most `step` [s].
 
-    seed            number of the motor among those that may be built, and of the sensors' noise
-    grasp           another hand than the device's; HANDLE_LOOSE for none
-    quality         other lasting errors of the field sensors than the device's
-    magnet_spread   relative standard deviation of the magnets' strengths, beside that of the device's uncertainty
+    seed            number of the specimen, and seed of the sensors' noise
+    grasp           hand instead of the device's; HANDLE_LOOSE for none
+    quality         constant errors of the field sensors instead of the device's
+    magnet_spread   relative standard deviation of the magnets' strengths, in addition to the device's uncertainty
 
-    Raises InputError for a step above 1 ms, or a spread that is no share.
+    Raises InputError for a step above 1 ms, or a spread outside 0 to 1.
 
     >>> from haptorb.devices.motor import HANDLE_LOOSE
     >>> from haptorb.devices.loader import load
@@ -418,7 +418,7 @@ class SimulatedMotor(CoilSimulation):
     def place(self, p: ArrayLike, q: ArrayLike) -> None:
         """Rotate the rotor to `q` (4,), at rest; beyond the end stop the tilt is limited to it. `p` (3,) is ignored.
 
-        Raises InputError for what is no quaternion.
+        Raises InputError for an invalid quaternion.
         """
         turned = check_finite(q, "q")
         if turned.shape != (4,) or not turned.any():
@@ -455,9 +455,9 @@ class SimulatedMotor(CoilSimulation):
             self._t += dt
 
     def sample(self, t: float, pose_stamp: float, pose_valid: bool) -> Sample:
-        """One reading of every sensor; the pose is the true one, as from an external tracker.
+        """Read every sensor once; the pose is the true one, as from an external tracker.
 
-        Raises DriverError where the simulation has left the numbers.
+        Raises DriverError if the simulated state is not finite.
         """
         channels = self.device.channels
         read, pose = np.empty(2 * channels), np.empty((4, 3))

@@ -1,9 +1,8 @@
 """Components of the simulated devices: chopped supply, coils with R, L and heat, Hall sensors, hand and tool.
 
-Every step is exact for a duty, an electromotive force and a resistance held in it: the current is an exponential, its
-square's mean is known, and the heat is a matrix: of two nodes each, or of all coils and what lies between them. Left
-out: the chopper's ripple (its period is short against L/R), mutual inductance between the nearly orthogonal coils, and
-eddy currents in the core.
+Every step is exact for constant duty, back-EMF and resistance: the current is an exponential with a known mean square,
+and the heat a matrix, of two nodes per coil or of all coils with the core. Neglected: the chopper's ripple (its period
+is short compared with L/R), mutual inductance between the nearly orthogonal coils, and eddy currents in the core.
 """
 
 from __future__ import annotations
@@ -155,7 +154,7 @@ _U17, _U19, _U23, _U41, _U45, _U11 = (np.uint64(n) for n in (17, 19, 23, 41, 45,
 def seed_noise(seed: int) -> Noise:
     """(4,) state of a generator for `seed`, any integer from 0.
 
-    Raises InputError for what is none.
+    Raises InputError for an invalid seed.
 
     >>> bool((seed_noise(1) == seed_noise(1)).all() and (seed_noise(1) != seed_noise(2)).any())
     True
@@ -193,7 +192,7 @@ def _fill_uniform(s: Noise, first: Array, second: Array) -> None:
 def _radii(u: Array) -> None:
     """u (n,) becomes √(−2 ln u): ln m for the mantissa m from 1/√2 to √2 as 2 artanh((m − 1)/(m + 1)), by its series.
 
-    Plain arithmetic runs in vectors, which the library's logarithm does not; likewise below.
+    Plain arithmetic is vectorised by the compiler, the library's logarithm is not; likewise below.
     """
     bits = u.view(np.int64)
     for i in range(u.shape[0]):
@@ -261,7 +260,7 @@ def fill_normal(s: Noise, out: Array) -> None:
 
 @kernel
 def quantise(value: float, step: float) -> float:
-    """`value` rounded by a converter with quantum `step`; step 0: an ideal one."""
+    """Round `value` like a converter with quantum `step`; step 0: ideal."""
     return np.rint(value / step) * step if step > 0.0 else value
 
 
@@ -279,8 +278,7 @@ _MIN_CONTINUATION, _MAX_CONTINUATION = -1.0, 4.0  #: extrapolation limits, relat
 
 @kernel
 def is_elsewhere(pose: Array, R: Array, p: Array) -> bool:
-    """Whether the mover, at R (3, 3) and p (3,) [m], is so far from `pose` (4, 3), R above p, that a map computed there
-    is old."""
+    """Whether a map computed at `pose` (4, 3), R above p, is outdated for the mover at R (3, 3) and p (3,) [m]."""
     square, turn = 0.0, 0.0
     for i in range(3):
         square += (pose[3, i] - p[i]) ** 2
@@ -346,7 +344,7 @@ def let_fail(halls: Records, sensors: Iterable[int], kind: str) -> None:
     """Make those of `halls` (k,) with these numbers, from 0, fail: "dead" (offset and noise only), "stuck" at the
     last reading, "saturated"; "none" repairs them.
 
-    Raises UnknownName for another kind, InputError for a sensor that is not there; then nothing has changed.
+    Raises UnknownName for another kind, InputError for a sensor that does not exist; then nothing is changed.
     """
     if kind not in FAILURES:
         raise UnknownName("failure of a field sensor", kind, FAILURES)
@@ -376,7 +374,7 @@ def _fault_value(failure: int, held: float, own: float, quiet: float, reach: flo
 def read_halls(halls: Records, noise: Noise, warmth: float, field: Array) -> None:
     """Replace the true `field` (k, 3) [T], stator frame, by the readings of `halls`, (k,) HALL.
 
-    warmth [K]: by how much the sensors are warmer than when they were calibrated.
+    warmth [K]: temperature of the sensors relative to their calibration.
     """
     draws = np.empty(3 * halls.size)
     fill_normal(noise, draws)
@@ -535,9 +533,9 @@ def contact(tool: Record, R: Array, dt: float, out: Array) -> float:
     """Add to out (6,) the contact wrench on `tool`, a TOOL at R (3, 3): force [N] and torque about p [N·m]; returns the
     depth [m].
 
-    The shaft is a line from the tip to behind the magnet; its point nearest to the centre touches. So a tool lying on
-    the dome rests on its side, and no tilt brings the magnet into the dome. The push is a spring with a damper that
-    never pulls; friction opposes sliding and, within one step, can stop it but not turn it round.
+    The shaft is a line from the tip to behind the magnet; its point nearest to the centre is in contact. So a tool
+    lying on the dome rests on its side, and no tilt brings the magnet into the dome. The contact is a spring with a
+    damper that never pulls; friction opposes sliding and, within one step, can stop it but not reverse it.
     """
     nx, ny, nz = R[0, 2], R[1, 2], R[2, 2]
     px, py, pz = tool.p[0], tool.p[1], tool.p[2]

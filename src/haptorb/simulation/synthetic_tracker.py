@@ -1,8 +1,7 @@
 """Synthetic tracker, and a synthetic user who touches a dome with the tool: test data for frame registration.
 
-The person goes round the dome in a spiral with the tool tilted to all sides, lifts it now and then, stands it in every
-mark and tilts it there, and rolls it in a bore. The tracker sees a body somewhere on the tool, in a frame of its own,
-with noise.
+The user moves over the dome on a spiral with the tool tilted to all sides, lifts it occasionally, tilts it in every
+mark, and rolls it in a bore. The tracker observes a rigid body on the tool, in its own frame, with noise.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class SyntheticTracker:
 @final
 @dataclass
 class SimulatedPerson:
-    """Simulated user with the tool of `device` under `tracker`; each motion begins where the previous one ended."""
+    """Simulated user with the tool of `device` under `tracker`; each motion starts where the previous one ended."""
 
     device: SphericalElectromagnet
     tracker: SyntheticTracker
@@ -107,7 +106,7 @@ class SimulatedPerson:
         return self.tracker.observe(np.tile([0.12, 0.05, -0.03], (n, 1)), turns, self._rng)
 
     def session(self, dome: int = 240, mark: int = 60, roll: int = 60) -> TouchSession:
-        """All steps of a registration, with so many poses each. Raises InputError for a device without marks."""
+        """Simulate all steps of a registration, with that many poses each. InputError for a device without marks."""
         if self.device.marks is None:
             raise InputError(f"device '{self.device.name}' has no marks")
         stands = {name: self.mark(name, mark) for name in self.device.marks.names}

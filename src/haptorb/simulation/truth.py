@@ -1,8 +1,8 @@
 """Reference wrench on the tool: computed by another method, more accurately than in loop and simulation.
 
-Charges in plenty on the ring's faces, at each of them the field of the windings in closed form with the core's answer
-(where the sizes are not known, of dipoles in one plain formula), and the core's answer to the ring charge by charge
-from the series: no tables, no kernels shared with the controller's model.
+Many charges on the ring's faces, at each of them the field of the windings in closed form with the core's response (of
+dipoles if the sizes are unknown), and the core's response to the ring charge by charge from the series: no tables, and
+no kernels shared with the controller's model.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ _BALL = fields(
 
 @kernel
 def _push(q: Array, p: Array, ball: Records, force: Array) -> float:
-    """force (3,) becomes what all forces do to the ball at `q` [N], of which the bowl bears the radial part; returns
-    the energy that they hold [J]. force[3:6] becomes what the contact does to the tool at `p`."""
+    """force (3,) becomes the sum of all forces on the ball at `q` [N], of which the bowl bears the radial part; returns
+    their potential energy [J]. force[3:6] becomes the contact force on the tool at `p`."""
     b = ball[0]
     cosine = (q[0] * b.axis[0] + q[1] * b.axis[1] + q[2] * b.axis[2]) / b.distance
     # Bowl: V = m ω² R² (1 − cos θ), a spherical pendulum's
@@ -130,7 +130,7 @@ def _roll(memory: Records, ball: Records, p: Array, dt: float, wrench: Array) ->
 
 @dataclass(frozen=True)
 class RollingBall(DynamicWorld):
-    """Ball that rolls in a bowl on the dome: push it, catch it, release it.
+    """Ball that rolls in a bowl on the dome, and that the tool can push, catch and release.
 
     Its centre moves on the sphere on which a touching tool's magnet moves, in the potential of a spherical pendulum,
     V = m ω² R² (1 − cos θ) with ω = 2π `swings` and θ from the bowl's centre; beyond `rim_deg` a steep rim returns
@@ -183,7 +183,7 @@ class RollingBall(DynamicWorld):
         return self.greatest
 
     def for_device(self, device: Device) -> RollingBall:
-        """With the ball on the dome of `device`. Raises InputError for a device without a dome, or a summit below
+        """Place the ball on the dome of `device`. Raises InputError for a device without a dome, or a summit below
         its rim."""
         shell = device.shell
         if shell is None:

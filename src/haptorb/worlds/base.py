@@ -45,7 +45,7 @@ PARTS: Final[tuple[WrenchPart, ...]] = ("force", "torque", "both")  #: their pos
 
 
 def check_part(name: str) -> WrenchPart:
-    """`name` if it is valid. Raises UnknownName with the most similar name.
+    """Return `name` if it is valid. Raises UnknownName with the most similar name.
 
     >>> check_part("torque")
     'torque'
@@ -57,7 +57,7 @@ def check_part(name: str) -> WrenchPart:
 
 
 def join_parts(parts: Iterable[WrenchPart | None]) -> WrenchPart | None:
-    """The part that worlds with these `parts` define together; None if one of them does not declare it.
+    """Return the part that worlds with these `parts` define together; None if one of them does not declare it.
 
     >>> join_parts(["force", "torque"]), join_parts(["force", None]), join_parts([])
     ('both', None, 'force')
@@ -72,7 +72,7 @@ def join_parts(parts: Iterable[WrenchPart | None]) -> WrenchPart | None:
 
 
 def find_part(wrench: Array) -> WrenchPart | None:
-    """The part of a `wrench` (6,) [N, N·m] that is not zero; None for a zero wrench.
+    """Return the nonzero part of a `wrench` (6,) [N, N·m]; None for a zero wrench.
 
     >>> import numpy as np
     >>> find_part(np.array([0, 0, 0, 0, 0.01, 0])), find_part(np.array([1.0, 0, 0, 0, 0, 1e-3])), find_part(np.zeros(6))
@@ -287,7 +287,7 @@ class World(Presentable, ABC):
         return ()
 
     def _summarize(self) -> str:
-        """As a constructor call: all parameters, or, where that is long, those with other values than their
+        """Format as a constructor call: all parameters, or, if that is too long, those with other values than their
         defaults."""
         known, now = parameters(type(self)), values(self)
         name = type(self).__name__
@@ -379,8 +379,8 @@ class World(Presentable, ABC):
 class TargetWorld(World):
     """World that acts on an object that a device moves in two modes, such as a plug in its socket.
 
-    Its states and wrenches are the target's, in a frame that is not the stator's: a device on whose tool the world
-    would act directly refuses it.
+    Its states and wrenches are the target's, in a frame that is not the stator's: a device without a target rejects
+    it.
     """
 
     needs_target: ClassVar[bool] = True
@@ -406,7 +406,7 @@ class Sum(World):
 
     @property
     def bound(self) -> float:
-        """The sum of the parts' bounds [N]."""
+        """Sum of the parts' bounds [N]."""
         return sum(part.bound for part in self.parts)
 
     @property
@@ -429,7 +429,7 @@ class Sum(World):
         return total
 
     def for_device(self, device: Device) -> Self:
-        """Every part adapted to `device`."""
+        """Adapt every part to `device`."""
         return replace(self, parts=tuple(part.for_device(device) for part in self.parts))
 
 

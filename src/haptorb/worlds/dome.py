@@ -69,7 +69,7 @@ class Dome(World):
     The printed argument and inverse are corrected: errata E12 to E14. With α the angle from the summit and k = π/(2θ₁):
     F_r = 2F₀ cos(kα) (d_min/d)⁴ outward, F_t = F₀ sin(kα) (d_min/d)⁴ away from the summit, for α < θ₂ and d < d_max;
     zero elsewhere. F₀ = 3μ₀ m_e m_p/(4π d_min⁴). At θ₁ = 90° it is the map of two permanent magnets.
-    A positive moment pushes, a negative one pulls. Torque is not controlled.
+    A positive moment repels, a negative one attracts. Torque is not controlled.
 
     Not passive: the force of a sharpened map (θ₁ < 90°) is not a gradient, so a closed path can extract energy (E19).
     Not continuous: it is cut off at θ₂ and d_max as in the paper; the guard's slew limit softens the jump.
@@ -214,7 +214,7 @@ class Compass(World):
 
     The gradient of U = T (√(c² + s²) − s) with the chord c = |axis − direction|: a torque of
     T (axis × direction)/√(c² + s²), which is a spring of T/s [N·m/rad] near the direction and never exceeds T. It
-    is perpendicular to the axis everywhere, as far as a magnet can have torque. It asks no force; a force accompanies
+    is perpendicular to the axis everywhere, like any torque on a magnet. It commands no force, but a force accompanies
     the torque.
 
     >>> upright = Compass(direction=(1, 0, 0), strength=0.004).wrench(State.at((0, 0, 0.05)))

@@ -151,7 +151,7 @@ def find_number(fields: Sequence[MemoryField], name: str, row: int = 0) -> int:
 
 
 def check_memory(memory: object, name: str) -> Records:
-    """`memory` if it is valid, (1,) a record of float64 fields in their own units.
+    """Return `memory` if it is valid, (1,) a record of float64 fields in their own units.
 
     Raises InputError, naming the world `name`, for anything else and for numbers that are not finite.
     """
@@ -227,7 +227,7 @@ class DynamicWorld(World):
     remembers : bool
         True: it has a memory.
     takes_commands : bool
-        Whether it renders what programs outside the loop command, see `take_command`.
+        Whether it renders commands of programs outside the loop, see `take_command`.
 
     Notes
     -----
@@ -316,7 +316,7 @@ class DynamicWorld(World):
     def keep(self, memory: Records, previous: DynamicWorld, old: Records) -> None:
         """Decide what of the memory remains when this world replaces another.
 
-        So it is after parameters were changed, or its file was saved. By default the memory is kept if name and fields
+        Called after parameters were changed, or its file was saved. By default the memory is kept if name and fields
         are the same, else the world restarts.
 
         Parameters
@@ -340,18 +340,18 @@ class DynamicWorld(World):
         """Raise InputError if it cannot be advanced in ticks of `dt` [s]; called before the first one."""
 
     def lighten(self, memory: Records) -> None:
-        """Steps take too long for their tick: reduce the work of the next ones, noted in `memory` (1,) in the unit
-        of a field. By default it does nothing."""
+        """Reduce the work of the next steps, because the last ones took too long; noted in `memory` (1,) in the unit
+        of a field. The default does nothing."""
 
     def restore(self, memory: Records) -> None:
-        """Time is sufficient again: undo one step of `lighten` in `memory` (1,), in the unit of a field."""
+        """Undo one step of `lighten` in `memory` (1,), in the unit of a field, once the time is sufficient again."""
 
     def find_work(self, memory: Records) -> WorldWork | None:
-        """Work that `memory` (1,) waits for, each field in its unit; by default none."""
+        """Background work that `memory` (1,) waits for, each field in its unit; by default none."""
         return None
 
     def is_work_due(self, memory: Records) -> bool:
-        """Whether that work's result is due before the next `advance` of `memory` (1,), in its units."""
+        """Whether the result of that work is due before the next `advance` of `memory` (1,), in its units."""
         return False
 
     def take_over(self, memory: Records, result: Any) -> None:
@@ -585,8 +585,8 @@ class BoundWorld:
     """`world` with its own memory, advanced by `dt` [s] in each call of `wrench`; rendered by a linkage.
 
     numbers  (n,) all of its memory, in the units of its fields: a view
-    paused   there is no pose: its time stops and it renders nothing
-    failed   it raised an exception, or its memory is not finite: it renders nothing until `restart`
+    paused   without a pose: its time stops and it renders nothing
+    failed   after an exception or a non-finite memory: it renders nothing until `restart`
     client   (1,) CLIENT_FORCE: the command of a program outside the loop; filled by the loop
     commanded  (6,) the part of the last wrench that this program commands [N, N·m]
     """
@@ -666,7 +666,7 @@ def check_world_period(world: World, dt: float) -> None:
 def bind_world(
     world: World, dt: float, before: BoundWorld | None = None, client: Records | None = None
 ) -> BoundWorld | None:
-    """`world` bound to a memory, for ticks `dt` [s] apart; None for a world without memory.
+    """Bind `world` to a memory, for ticks `dt` [s] apart; None for a world without memory.
 
     before: the previous world, whose memory it may keep by its own rule; client: (1,) CLIENT_FORCE that
     a loop fills before every tick [N, s]. Raises InputError for an invalid memory.
@@ -749,12 +749,12 @@ def _render(memory: Records, force: float, torque: float, wrench: Array) -> None
 class Remote(DynamicWorld):
     """Force and torque of a program connected with `haptorb run --serve`.
 
-    They are those of the latest command, faded if no other follows.
+    They follow the latest command, and fade if no other follows.
 
     A command lasts 50 ms. If none follows, its force fades to zero within 20 ms; when the connection is lost,
     the fade begins at once. The memory contains the client's command and the share that is rendered, so that the
     same memory gives the same force again. It may put energy into the hand, so it is not `passive`. The guard limits it
-    to what the device may give; its own limits only make it weaker.
+    to the device's limits; its own limits can only be lower.
 
     >>> Remote().wrench(State.at((0, 0, 0.05))).tolist()  # no client is connected
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -808,7 +808,7 @@ class Remote(DynamicWorld):
 
 
 def split_remote(world: World) -> tuple[World, Remote | None]:
-    """(the world, the clients' force) of a sum that ends with the clients' force; else (world, None).
+    """Split a sum that ends with the clients' force into (world, clients' force); else (world, None).
 
     >>> from haptorb.worlds.dome import Dome
     >>> split_remote(Dome(moment=1.0) + Remote(limit=3.0))[1].limit
@@ -826,5 +826,5 @@ def split_remote(world: World) -> tuple[World, Remote | None]:
 
 
 def join_remote(world: World, remote: Remote | None) -> World:
-    """`world` plus the clients' force `remote`, if there is one and `world` is not the clients' force itself."""
+    """Add the clients' force `remote` to `world`, if there is one and `world` is not the clients' force itself."""
     return world if remote is None or isinstance(world, Remote) else world + remote

@@ -172,8 +172,8 @@ def _observe(m: Record, s: Record, frame: Array, p: Array, v: Array, dt: float) 
 def _weigh_heat(s: Record, frame: Array, matrix: Array, passive: Array, ohms: Array, out: Array, per: Array) -> bool:
     """out (2, 2) [1/N²] and out[2] (2,) [1/N]: contribution of heat to the cost of the force across the path.
 
-    The currents of a force F are i = A⁻¹(F − F₀), F₀ what the core pulls by itself: power iᵀRi. per (3, 3) becomes A⁻¹.
-    False, and zeros, where there is no device with three coils.
+    The currents of a force F are i = A⁻¹(F − F₀), with F₀ the core's own attraction: power iᵀRi. per (3, 3) becomes
+    A⁻¹. False, and zeros, for a device without three coils.
     """
     for a in range(3):
         for b in range(2):
@@ -208,7 +208,7 @@ def _weigh_heat(s: Record, frame: Array, matrix: Array, passive: Array, ohms: Ar
 def _plan(m: Record, s: Record, heat: Array, work: Array) -> None:
     """Solve for the forces of the horizon, sideways then outward, each at most s.strength: row 2n + 3 of `work`.
 
-    Those sideways begin at the last plan, m.plan (n,), the others at zero."""
+    The sideways forces start at the last plan, m.plan (n,), the others at zero."""
     n = s.from_push.size
     size = 2 * n
     hessian, linear, low, high = work[:size], work[size], work[size + 1], work[size + 2]
@@ -377,7 +377,7 @@ class PathGuidance(DynamicWorld):
     In every tick it estimates deviation, its rate and the hand's force across the path, predicts them over
     `horizon`, and chooses the forces with the lowest cost: Σ (deviation² + (30 ms · rate)²)/tolerance² + heat_weight ·
     power + Σ (change of force/`change`)², each force at most `strength`. The first of them is rendered. There is no
-    force along the path: the person determines progress and speed. A hand at rest gets no force.
+    force along the path: the user determines progress and speed. No force acts on a hand at rest.
 
     Active: it works against the hand, so it can put energy into a hand that leaves the path.
     """

@@ -141,7 +141,7 @@ class Scene(DynamicWorld):
         Name of the held body; it, or a parent body, needs a joint. Empty: the one that the file names,
         <custom><text name="held" data="BODY"/></custom>, else "peg".
     anchored : bool
-        True: the mover begins where the scene has the body, as a motor's target does.
+        True: the mover starts at the body's pose in the scene, as a motor's target does.
 
     Notes
     -----
@@ -155,7 +155,7 @@ class Scene(DynamicWorld):
 
     Actuators hold the controls of the file's first keyframe, else zero; `control_1` to `control_8` change those of the
     first eight. A timestep that does not divide the tick is shortened, and RK4 is replaced by implicitfast; `remarks`
-    says so.
+    reports it.
 
     Simplified: energy stored in contacts and actuators is not in `energy`; the passivity control therefore damps
     earlier, never later.

@@ -1,7 +1,7 @@
 """Validation of a scene's XML before MuJoCo parses it: the files that it names, and the size of the result.
 
-MuJoCo opens any path and makes as many bodies as `<replicate>` says. A scene may come from anybody: the files that it
-names are regular ones of bounded size in its own folder or below, and it makes a bounded number of elements.
+MuJoCo opens any path and creates any number of bodies for `<replicate>`. Scenes are untrusted: the files that they name
+must be regular ones of bounded size in their own folder or below, and the number of elements is bounded.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ def check_scene_file(path: Path, assets: Path | None = None) -> None:
 
     assets  folder within which it may name files; by default its own
 
-    What else is wrong with it is for MuJoCo to say.
+    Other errors are reported by MuJoCo.
     """
     _SceneCheck(path.parent, assets).check(path)
 
 
 def list_scene_files(path: Path, assets: Path | None = None) -> tuple[Path, ...]:
-    """The scene in the file `path` and every file that it names, directly or through others, missing ones included; as
-    far as it can be parsed."""
+    """List the scene in the file `path` and every file that it names, directly or indirectly, including missing ones;
+    as far as it can be parsed."""
     found = _SceneCheck(path.parent, assets)
     with suppress(InputError):
         found.check(path)
@@ -140,7 +140,7 @@ class _SceneCheck:
 def _parse(path: Path) -> Element:
     text = read_text(path, "scene", InputError, 8 * 1024 * 1024, FileKind.SCENE)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"scene {path}: has a document type, which a scene has not; remove it")
+        raise InputError(f"scene {path}: has a document type declaration, which scenes do not need; remove it")
     try:
         return ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as cause:

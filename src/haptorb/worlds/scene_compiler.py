@@ -1,7 +1,7 @@
 """Compiles a scene with MuJoCo in a separate process, with limits on time and memory, and takes one step.
 
-MuJoCo's compiler reads what anybody wrote: a mesh or a number can cost it hours, all memory, or its life. Here it
-costs a child process. The child loads MuJoCo's library and nothing else: it is there in a tenth of a second.
+MuJoCo's compiler reads untrusted files: a mesh or a number can take hours, all memory, or crash it. Here this affects a
+child process only. The child loads MuJoCo's library and nothing else, and starts within a tenth of a second.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def compile_scene(engine: Any, path: Path) -> Any:
         words = [str(library), str(path.absolute()), str(made)]
         run_limited(Path(__file__), words, Path(folder), _SECONDS, _MEMORY)
         if not made.is_file():
-            raise ProcessFailure("MuJoCo wrote no model of it")
+            raise ProcessFailure("MuJoCo did not write a model")
         return engine.MjModel.from_binary_path(str(made))
 
 

@@ -88,10 +88,10 @@ class ScenePace(NamedTuple):
     """Pace of a scene in one tick.
 
     level   of detail, an index of `LEVELS`
-    steps   that are due now
-    pace    how fast its time passes, 0 to 1
+    steps   number of steps due now
+    pace    ratio of its time to the loop's, 0 to 1
     ahead   fraction of a step by which its time has advanced since the last step
-    passed  by how many steps its time advances now
+    passed  number of steps by which its time advances now
     """
 
     level: int
@@ -198,8 +198,8 @@ def find_scene_file(text: str, folder: Path | None = None) -> Path:
 class SceneModel:
     """Compiled scene; it can be sent to another process.
 
-    title   its file's name without the ending, or the model's own
-    file    where it comes from; None: from Python
+    title   file name without the extension, or the model's own
+    file    source file; None: from Python
     model   MuJoCo's MjModel; only the iterations of its solver are changed here
     """
 

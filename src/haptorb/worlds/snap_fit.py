@@ -140,7 +140,7 @@ class RootLoad:
             return ""
         if self.breaks:
             end = 100 * known.breaking_strain
-            return f"; BREAKS BEFORE IT SNAPS: {self.material} bears a strain of {end:.3g} %"
+            return f"; BREAKS BEFORE IT SNAPS: {self.material} breaks at a strain of {end:.3g} %"
         once, often = known.permissible_strain, known.repeated_strain
         limits = f"; permissible strain {100 * once:.3g} %"
         if often < once:
@@ -359,7 +359,8 @@ def _find_least_energy(X: float, Y: float, reach: float, snap: Record, table: Ar
 def _find_contact(X: float, Y: float, snap: Record, table: Array, touch: Record) -> None:
     """Fill `touch` for an edge at (X, Y): the position x on the hook with x + shift(x) = X.
 
-    A hook that springs over a sharp corner has several: the one where it stores least makes the energy continuous.
+    A hook that jumps over a sharp corner has several: the one with the lowest stored energy makes the energy
+    continuous.
     """
     _touch(X, Y, snap, table, touch)
     gap = touch.shift
@@ -402,8 +403,8 @@ def _springs(places: Array, Y: float, snaps: Records, table: Array) -> bool:
 def _rub(touch: Record, vx: float, vy: float, vz: float, friction: float, creep: float) -> tuple[float, float, float]:
     """(fx, fy, fz) on the hook [N] with friction, for a part that moves with v [m/s] at the contact, y away from it.
 
-    At the same place and bending the force can only change along (1, −κ), and the part slides by the same direction:
-    so friction takes energy whatever the motion. The face turns with it.
+    At the same place and bending the force can only change along (1, −κ), and the part slides in the same direction:
+    so friction dissipates energy for any motion. The face rotates with it.
     """
     fx, fy, slope, recoil = touch.fx, touch.fy, touch.slope, touch.recoil
     turn = (slope * fy - fx) / max(fy + slope * fx, 1e-300)  # without friction the force is normal to the face

@@ -168,7 +168,7 @@ class WorldFile:
     def load(self, texts: Mapping[Path, str] | None = None) -> World:
         """Execute the file and return its world.
 
-        texts: of the file, and of all that it may import from its folder, where these and nothing else must run.
+        texts: of the file, and of all that it may import from its folder, if only these may be executed.
 
         Raises InputError if the file cannot be read or fails, with file and line, or has no such world; UnknownName
         and InputError for values that its parameters do not allow.
@@ -292,7 +292,7 @@ _FRAMES = 6  #: maximum number of frames of the user's code, the innermost; a re
 
 
 def check_wrench(wrench: object) -> Array:
-    """`wrench`, (6,) [N, N·m]. Raises InputError if it is not such an array; the guard checks its numbers."""
+    """Return `wrench`, (6,) [N, N·m]. Raises InputError if it is not such an array; the guard checks its numbers."""
     if not isinstance(wrench, np.ndarray):
         raise InputError(f"wrench must return an array of 6 numbers (force, torque); got {quote(wrench)}")
     if wrench.shape != (6,):
@@ -336,7 +336,7 @@ def keep_source(world: World) -> None:
 
 
 def fit_world(world: World, device: Device) -> World:
-    """`world.for_device(device)`: the world that `device` renders; a world with memory is started once.
+    """Return `world.for_device(device)`, the world that `device` renders; a world with memory is started once.
 
     Raises InputError with the place in the user's code if that fails, or as the world itself does if `device` cannot
     render it.
@@ -360,7 +360,7 @@ def fit_world(world: World, device: Device) -> World:
 
 
 def try_world(world: World, device: Device) -> World:
-    """`world` after one successful call at the device's rest position.
+    """Return `world` after one successful call at the device's rest position.
 
     Raises InputError with the place in the user's code if it fails there, or if `device` cannot render it.
     """
@@ -439,8 +439,8 @@ def note_start(world: World) -> None:
 
 
 def find_started(path: Path, name: str) -> dict[Path, str]:
-    """The texts of the file `path` and of what it imports from its folder, if this account has started the world
-    `name` of just these by name.
+    """Return the texts of the file `path` and of its imports from its folder, if this account has started the world
+    `name` with exactly these by name.
 
     Raises InputError, with the reason, if it has not.
     """

@@ -71,7 +71,7 @@ def test_a_hook_that_breaks_before_it_snaps_is_told() -> None:
     stub = SnapFit(base_length=5e-3, peak=8.5e-3, thickness=2.5e-3, height=2e-3, insertion_deg=20.0)
     assert stub.root_load.strain > MATERIALS["ABS"].breaking_strain
     assert stub.root_load.breaks
-    assert "BREAKS BEFORE IT SNAPS: ABS bears a strain of 12 %" in stub.remarks[0]
+    assert "BREAKS BEFORE IT SNAPS: ABS breaks at a strain of 12 %" in stub.remarks[0]
     assert stub.root_load.numbers()["breaks"] is True
     good = SnapFit().root_load
     assert not good.breaks
