@@ -1,10 +1,10 @@
 """Coil array as built: coils drawn from the tolerances of its file, their fields from loops, the magnets as currents.
 
 Coils are displaced and tilted, with deviating radii and turns, and magnets have a deviating remanence. Coils and
-magnets share nothing with the controller's model: a winding is current loops by elliptic integrals (Smythe, Static and Dynamic
-Electricity, §7.10), a magnet is the current around its sides (Ampère), on which the coils' field exerts F = I ∮ dl × B.
-The field of each coil is tabulated in advance, on a fine grid near it and a coarse one elsewhere. A soft core is that
-of the file; its response to the drawn coils and magnets is in solid harmonics, as in the controller's model.
+magnets share nothing with the controller's model: a winding is current loops by elliptic integrals (Smythe, Static and
+Dynamic Electricity, §7.10), a magnet is the current around its sides (Ampère), on which the coils' field exerts F = I ∮
+dl × B. The field of each coil is tabulated in advance, on a fine grid near it and a coarse one elsewhere. A soft core
+is that of the file; its response to the drawn coils and magnets is in solid harmonics, as in the controller's model.
 """
 
 from __future__ import annotations
