@@ -246,7 +246,7 @@ class Program:
         }  # fmt: skip
         if self._emulator is not None:
             self._emulator.set_pace()  # it takes a processor at full pace, and nobody talks to it yet
-            self._emulator.forget()
+            self._emulator.discard_lines()
         with self._errors.open("wb") as errors:
             self.host = start(
                 [sys.executable, "-P", "-c", HOST, json.dumps(given)],
@@ -332,7 +332,7 @@ class Program:
         if not self._on():
             raise LostRun("the coils were off already")
         if self._emulator is not None:
-            self._emulator.forget()
+            self._emulator.discard_lines()
             self._emulator.execute("mark")
         assert self.memory is not None
         cursor = self.memory.words[Word.ROWS]

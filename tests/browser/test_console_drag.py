@@ -168,7 +168,7 @@ def test_a_browser_that_is_killed_in_a_drag_leaves_no_current_in_a_boards_coils(
             wait_until(lambda: board.status()["on"] == "1")
             time.sleep(0.5)
             assert board.status()["on"] == "1", errors.read_text()
-            board.forget()
+            board.discard_lines()
             board.execute("mark")
             os.kill(browser, signal.SIGKILL)
             off = dict(re.findall(r"(\w+)=([-\d.]+)", board.expect_line("@off", 10.0)))

@@ -111,7 +111,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
     while len(times) < repetitions:
         tries += 1
         assert tries < 4 * repetitions + 10, "this computer is too busy to keep a host alive for a few milliseconds"
-        emulator.forget()
+        emulator.discard_lines()
         host = subprocess.Popen(
             [sys.executable, "-S", "-E", str(HOST), emulator.port], stdout=subprocess.PIPE, text=True
         )

@@ -1,4 +1,4 @@
-"""The command line: `haptorb`. Each command is one file that imports what it needs when it runs."""
+"""Command line `haptorb`. Each command is one file, which imports its dependencies when it runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["main"]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; a user's mistake is one message, never a traceback, and so is ^C at any time."""
+    """Run the command line; a user error prints one message without a traceback; ^C is handled at any time."""
     if arguments is None:  # this process is the program
         sys.excepthook = _print_unless_interrupted
     try:

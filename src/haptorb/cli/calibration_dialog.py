@@ -1,4 +1,4 @@
-"""`haptorb calibrate`, step by step: ask, measure, store; stop when a step fails, and resume where it ended.
+"""`haptorb calibrate`, step by step: prompt, measure, store; stop when a step fails, and resume at the last step.
 
 The driver is opened separately for every step, so that the coils are off while a person reads a prompt.
 """

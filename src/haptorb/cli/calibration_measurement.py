@@ -337,8 +337,8 @@ def make_driver(
 
 
 def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> None:
-    """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; on a real
-    device a person does."""
+    """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; with a real
+    device the user does."""
     from haptorb.runtime.drivers.sim import SimDriver
     from haptorb.simulation.hand import lead_tool
 

@@ -1,4 +1,4 @@
-"""`haptorb check`: is this computer fit for a real-time loop, and is a world inside what a loop can render?"""
+"""`haptorb check`: checks whether this computer is fast enough for the loop, and whether a world is rendered stably."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb hardware probe | monitor | jog | emulate`: is the real device there, what does it read, does a coil move."""
+"""`haptorb hardware probe | monitor | jog | emulate`: find a device, read sensors, test a coil, emulate a device."""
 
 from __future__ import annotations
 

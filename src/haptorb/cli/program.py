@@ -166,7 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     except Termination as end:
         return 128 + end.number
-    except BrokenPipeError:  # `haptorb devices | head` is no mistake
+    except BrokenPipeError:  # `haptorb devices | head` is not an error
         sys.stderr.close()
     except OSError as cause:
         if _is_no_temporary_folder(cause):

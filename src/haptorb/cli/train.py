@@ -1,4 +1,4 @@
-"""`haptorb train`: networks that map the field at a motor's sensors to its torque characteristic."""
+"""`haptorb train`: trains networks that map the field at a motor's sensors to its torque per ampere."""
 
 from __future__ import annotations
 

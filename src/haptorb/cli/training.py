@@ -163,7 +163,7 @@ def train_networks(
 
 
 def _peak_memory() -> float | None:
-    """Of this process so far [MB]; None where the system does not tell."""
+    """Peak memory of this process so far [MB]; None if the system does not report it."""
     try:
         import resource
     except ImportError:
@@ -173,5 +173,5 @@ def _peak_memory() -> float | None:
 
 
 def _reference_coil(directions: Array) -> int:
-    """Number, from 0, of the coil on the X axis, as the paper's EM17; of the nearest where there is none."""
+    """Number, from 0, of the coil on the X axis, the paper's EM17; if there is none, of the nearest one."""
     return int(np.argmax(directions[:, 0]))

@@ -64,7 +64,7 @@ def view(
 
 
 def _print_address(viewer: Viewer, json: bool) -> None:
-    """Where the page is, and what is to be known of the recordings."""
+    """Print the address of the page, and notices on the recordings."""
     from haptorb.cli.recording import list_missing
 
     if json:

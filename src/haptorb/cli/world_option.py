@@ -1,4 +1,4 @@
-"""What `--world` and `--set` say: a world of the catalogue, or the user's own in a file, and values with units."""
+"""Options `--world` and `--set`: a world of the catalogue, or the user's own in a file, and values with units."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = ["choose_scene_option", "choose_world_option", "parse_settings", "refu
 
 
 def choose_world_option(name: str, settings: list[str], device: Device) -> World | WorldFile:
-    """The world `name` with `settings`; for FILE.py:NAME the file, whose world was called once as `device` has it.
+    """Return the world `name` with `settings`; for FILE.py:NAME the file, whose world was called once for `device`.
 
-    Raises UnknownName and InputError for names, values and code that cannot be.
+    Raises UnknownName and InputError for invalid names, values and code.
     """
     from dataclasses import replace
 
@@ -48,9 +48,9 @@ def choose_scene_option(
     scene: str | None, body: str | None, world: str | None, settings: list[str], device: Device,
     assets: Path | None = None,
 ) -> SceneFile:  # fmt: skip
-    """The `scene` whose `body` is held, with `settings`; it was compiled and stepped once as `device` has it.
+    """Return the `scene` whose `body` is held, with `settings`; it was compiled and stepped once for `device`.
 
-    Raises UnknownName and InputError for what cannot be, and for a `world` beside it.
+    Raises UnknownName and InputError for invalid options, and for a `world` in addition.
     """
     from dataclasses import replace
 
@@ -71,7 +71,7 @@ def choose_scene_option(
 
 
 def refuse_scene_options(world: str | None, grip: str, latency: float | None) -> None:
-    """Raise InputError for a --grip or --latency without a scene, which a `world` from a file can be."""
+    """Raise InputError for --grip or --latency without a scene; a `world` from a file may be one."""
     from haptorb.worlds.user_world import is_world_file
 
     if (grip != "light" or latency is not None) and not is_world_file(world or ""):
@@ -79,7 +79,7 @@ def refuse_scene_options(world: str | None, grip: str, latency: float | None) ->
 
 
 def parse_settings(settings: list[str], known: dict[str, Parameter]) -> dict[str, float | tuple[float, ...]]:
-    """Values by name from NAME=VALUE, with or without a unit, and NAME=X,Y,Z; names that are not known pass."""
+    """Parse NAME=VALUE, with or without a unit, and NAME=X,Y,Z to values by name; unknown names are accepted."""
     values: dict[str, float | tuple[float, ...]] = {}
     for setting in settings:
         name, equals, text = setting.partition("=")
@@ -93,7 +93,7 @@ def parse_settings(settings: list[str], known: dict[str, Parameter]) -> dict[str
 
 
 def _number(text: str, unit: str, setting: str) -> float:
-    """In `unit`, which it has where it names none."""
+    """Parse a number in `unit`, which is also the default."""
     from haptorb.devices.quantity import si
 
     try:

@@ -1,1 +1,1 @@
-"""The only room with a clock, a process, a wire or a file."""
+"""Run time: loop, servo and its processes, drivers and trackers; only from this layer up are clocks and I/O used."""

@@ -45,7 +45,7 @@ def make_tick(config: RunConfig, driver: Driver) -> Tick:
     device, calibration, name = config.device, config.calibration, config.estimator
     believed = device if calibration is None else calibration.apply(electromagnet(device, "a calibration"))
     offsets = None if calibration is None else calibration.offsets
-    # A recording contains what its estimator had learned: this computer need not have it.
+    # A recording contains its estimator's trained data, which this computer need not have.
     known = name if config.learned and name else check_estimator(device, name)
     with one_block():
         return Tick(

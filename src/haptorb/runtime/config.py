@@ -1,4 +1,4 @@
-"""The description of a run: device, world and loop, as command line, servo, recording and replay share it."""
+"""Configuration of a run (device, world, loop), shared by command line, servo, recording and replay."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class RunConfig:
     torque_arm : float, optional
         Length that weights torque against force if both are rendered [m].
     learned : bytes
-        What the estimator had learned, such as networks; empty: what this computer has.
+        Trained data of the estimator, such as networks; empty: that of this computer.
     coupling : CouplingSetting, optional
         Loop and hand for which the coupling of a scene is chosen, also of one that is loaded again.
     world_file : WorldFile or SceneFile, optional
@@ -297,7 +297,7 @@ class RunConfig:
     def notes(self, own_worlds: Iterable[World] = ()) -> dict[str, dict[str, str]]:
         """Metadata of a recording of this run: texts of device, run, software and computer.
 
-        own_worlds: worlds beside the first one and the catalogue's that the run may change to.
+        own_worlds: worlds that the run may change to, other than the first one and the catalogue's.
         """
         device, name = self.device, check_estimator(self.device, self.estimator)
         made = {name_of(one): note_world(one) for one in (self.world, *own_worlds)}

@@ -180,7 +180,7 @@ class HandCommands:
         Raises
         ------
         InputError
-            As `point`; also on a real device, and with a tracker that determines where the hand is.
+            As `point`; also on a real device, and with a tracker that determines the hand's pose.
         ServoError
             Before the start.
         """

@@ -1,4 +1,4 @@
-"""The hand from a file: CSV, a script of moves, presses and waits, or a recording, as a motion of the simulated hand.
+"""Motion of the simulated hand from a file: CSV, a script of moves, presses and waits, or a recording.
 
 A CSV file has a line of column names with units, then a row for each time; straight lines connect the poses:
 
@@ -6,17 +6,17 @@ A CSV file has a line of column names with units, then a row for each time; stra
     0,     0,      0,      62,     ,        40
     1.5,   0,      0,      48,     a,       20
 
-A script has one command a line, and moves as a hand does, with the least jerk (Flash and Hogan 1985):
+A script has one command per line, and minimum-jerk motion like that of a hand (Flash and Hogan 1985):
 
-    start 0 0 62 mm          # where the hand is at time zero; the first command
+    start 0 0 62 mm          # position at time zero; the first command
     move 0 0 48 mm in 1.5 s  # `line` instead of `move`: at constant speed
     press a                  # button a, b or c
     wait 300 ms
     release a
-    turn 0 20 0 ° in 1 s     # orientation Rx Ry Rz; also behind the place of `start`, `move` and `line`
+    turn 0 20 0 ° in 1 s     # orientation Rx Ry Rz; also after the position of `start`, `move` and `line`
     grip 20 mm in 0.2 s      # opening of the gripper
 
-A recording drives the hand to where it wanted the tool in that run, or where a tracker saw a real tool.
+From a recording, the motion is the hand's goal in that run, or the pose of a real tool from its tracker.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ LONGEST = 3600.0  #: duration of a motion [s]
 _SAMPLES = 1_000_000  #: poses of a motion
 _BYTES = 32 * 1024 * 1024  #: of a table
 _LARGEST = 1e6  #: number of a table, in SI units
-_STEP = 1e-3  #: between the poses of a move with the least jerk [s]
+_STEP = 1e-3  #: interval between the poses of a minimum-jerk move [s]
 
 
 def read_hand(path: str | Path, device: Device) -> ScriptedMotion:
-    """The motion in the file `path`, checked for `device`.
+    """Read the motion in the file `path`, checked for `device`.
 
-    Raises InputError that names the file, and the line, for what is no motion, or leads out of the workspace; a
-    RecordingError for a damaged recording.
+    Raises InputError with file and line for an invalid motion, or one that leaves the workspace; RecordingError for a
+    damaged recording.
     """
     place = Path(path).expanduser()
     found = find_kind(place)
@@ -73,9 +73,9 @@ def read_hand(path: str | Path, device: Device) -> ScriptedMotion:
 def choose_hand(
     hand: str | Path | ScriptedMotion | None, device: Device, driver: str, tracker: str
 ) -> ScriptedMotion | None:
-    """The motion that a servo is given, or that of the file of this name.
+    """Return the given motion, or read that of the file of this name.
 
-    Raises InputError on a real device, and with a tracker that determines where the hand is; and as `read_hand`.
+    Raises InputError on a real device, and with a tracker that determines the hand's pose; and as `read_hand`.
     """
     if hand is None:
         return None
@@ -95,7 +95,7 @@ def choose_hand(
 
 
 def _looks_like_table(text: str) -> bool:
-    """Whether the first line names columns; then its mistakes are those of a table."""
+    """Whether the first line names columns; then errors are reported as those of a table."""
     return bool(re.match(r"\s*\"?(?:t|time|tick)\b", text)) or "," in text.lstrip().partition("\n")[0]
 
 
@@ -103,9 +103,9 @@ def _make(
     path: str, device: Device, times: Array, poses: Array, presses: list[tuple[float, int]],
     grip: tuple[Array, Array] | None, digest: str,
 ) -> ScriptedMotion:  # fmt: skip
-    """The motion along `poses` (n, 7) at `times` (n,), which only need to be checked for `device`.
+    """Make the motion along `poses` (n, 7) at `times` (n,), and check it for `device`.
 
-    A motor's mover only turns: places are left out.
+    Positions are ignored for a motor, whose mover only rotates.
     """
     if times[-1] > LONGEST:
         raise InputError(f"{path} lasts {times[-1]:g} s; a hand file lasts at most {LONGEST:g} s")
@@ -122,18 +122,17 @@ def _make(
 
 
 def _orient(places: Array, device: Device) -> Array:
-    """(n, 4) quaternions of a tool at `places` (n, 3) of which only the place is stated: radial, or upright over a
-    plate."""
+    """(n, 4) quaternions of a tool at `places` (n, 3) without a stated orientation: radial, or upright over a plate."""
     if device.is_upright:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(places), 1))
     return upright_quaternions(places)
 
 
 # --------------------------------------------------------------------------------------------------
-# A table: columns by name, with units.
+# Table: columns by name, with units.
 
 
-#: column → (SI unit, what it is)
+#: column → (SI unit, meaning)
 _QUANTITIES = {
     "t": ("s", "a time"),
     **dict.fromkeys("xyz", ("m", "a length")),
@@ -143,7 +142,7 @@ _QUANTITIES = {
     "buttons": ("", "buttons"),
 }
 _HEAD = re.compile(r"\s*([^\[\]]*?(?:\[\d\])?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
-#: columns of an export of a recording → ours; of a device whose hand is not simulated the pose of the tool
+#: columns of an exported recording → columns of a table; for a real device the pose of the tool
 _EXPORTED = tuple(
     {"t": "t", "buttons": "buttons", "grip": "grip"}
     | {f"{place}[{i}]": name for i, name in enumerate("xyz")}
@@ -154,11 +153,11 @@ _SEPARATORS = ",;\t"
 
 
 def parse_table(text: str, device: Device, path: str, digest: str = "") -> ScriptedMotion:
-    """The motion that a CSV `text` states; `path` is its name in messages. Raises InputError."""
+    """Parse the motion in a CSV `text`; `path` is its name in messages. Raises InputError."""
     head = text.lstrip("\n").partition("\n")[0]
     separator = max(_SEPARATORS, key=head.count)
     if text.count("\n") > _SAMPLES + 1:
-        raise InputError(f"{path} has more than {_SAMPLES} rows; a hand needs 1000 a second at the most")
+        raise InputError(f"{path} has more than {_SAMPLES} rows; at most 1000 per second are useful")
     reader = csv.reader(io.StringIO(text), delimiter=separator)
     try:
         heads = next((line for line in reader if any(cell.strip() for cell in line)), [])
@@ -212,13 +211,13 @@ def parse_table(text: str, device: Device, path: str, digest: str = "") -> Scrip
 
 
 def _find_columns(heads: Sequence[str], path: str) -> dict[str, tuple[int, str | None]]:
-    """Our name of each column → where it is, and the unit that its head states; InputError for what is no hand."""
+    """Find name of each column → its index, and the unit in its heading; InputError for invalid columns."""
     stated: dict[str, tuple[int, str | None]] = {}
     for at, head in enumerate(heads):
         match = _HEAD.fullmatch(head)
         name = head.strip() if match is None else match[1]
         if name in stated:
-            raise InputError(f"{path}: column {quote(name)} is there twice")
+            raise InputError(f"{path}: column {quote(name)} appears twice")
         stated[name] = at, None if match is None else match[2]
     for known in _EXPORTED:  # all others of an export are not the hand's
         if all(name in stated for name in known if name not in ("buttons", "grip")):
@@ -238,7 +237,7 @@ def _find_columns(heads: Sequence[str], path: str) -> dict[str, tuple[int, str |
 
 
 def _read_column(rows: list[list[str]], numbers: list[int], at: int, name: str, stated: str | None, path: str) -> Array:
-    """(n,) the numbers of a column in SI; an empty cell of `grip` is NaN."""
+    """Read the numbers (n,) of a column in SI; an empty cell of `grip` is NaN."""
     unit, kind = _QUANTITIES[name]
     try:
         factor = 1.0 if stated in (None, "", "1") else si(f"1 {stated}", unit, kind)
@@ -271,7 +270,7 @@ def _check_times(times: Array, numbers: Sequence[int], path: str) -> None:
 
 
 def _read_buttons(cell: str, path: str, line: int) -> int:
-    """The sum of 1, 2 and 4 for what is pressed: "", "a", "ab", "a+b", or the sum itself."""
+    """Parse pressed buttons to a sum of 1, 2 and 4: "", "a", "ab", "a+b", or the sum itself."""
     text = cell.strip().lower()
     names = re.sub(r"[+ ]", "", text)
     if all(letter in BUTTONS for letter in names) and len(set(names)) == len(names):
@@ -290,7 +289,7 @@ def _read_buttons(cell: str, path: str, line: int) -> int:
 
 
 def _read_grip(table: dict[str, Array], times: Array, numbers: Sequence[int], path: str) -> tuple[Array, Array] | None:
-    """Times [s] and openings [m] of the gripper, where the table states them."""
+    """Read times [s] and openings [m] of the gripper, where the table states them."""
     if "grip" not in table:
         return None
     opening = table["grip"]
@@ -308,11 +307,11 @@ _WIDEST = 0.2  #: opening of a gripper between finger and thumb [m]
 
 
 # --------------------------------------------------------------------------------------------------
-# A recording: the goal of its hand, or the pose of its tool.
+# Recording: the goal of its hand, or the pose of its tool.
 
 
 def _read_recording(path: Path, device: Device) -> ScriptedMotion:
-    """The motion of the hand in the recording `path`."""
+    """Read the motion of the hand in the recording `path`."""
     recording = Recording(path)
     recording.require("t", "valid", "hand_goal", "hand_goal_q", "p", "q")
     if len(recording) > _SAMPLES:
@@ -327,7 +326,7 @@ def _read_recording(path: Path, device: Device) -> ScriptedMotion:
     poses[~usable] = 0.0
     whole = usable & (np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0) < 0.01)
     if "commands" in known:
-        whole &= ~(np.asarray(recording["commands"]) < 0.0)  # the last row repeats the one before: no tick
+        whole &= ~(np.asarray(recording["commands"]) < 0.0)  # the last row repeats the previous one and is not a tick
     rows = np.flatnonzero(whole)
     if not rows.size:
         raise RecordingError(f"{path} holds no pose of a hand; record a run with --record")
@@ -346,7 +345,7 @@ def _read_recording(path: Path, device: Device) -> ScriptedMotion:
 
 
 # --------------------------------------------------------------------------------------------------
-# A script: one command a line.
+# Script: one command per line.
 
 
 _LINES = 10_000
@@ -376,12 +375,12 @@ _FORMS = {
 
 @final
 class _Script:
-    """The state after each line: place, angles, time; and what was stated so far."""
+    """State after each line: position, angles, time; and the knots so far."""
 
     def __init__(self) -> None:
         self.place: Array | None = None
         self.angles = np.zeros(3)
-        self.turned = False  # the script states orientations: a place alone does not turn the tool
+        self.turned = False  # the script states orientations: a position alone does not rotate the tool
         self.now = 0.0
         self.bits = 0
         self.opening = math.nan
@@ -392,7 +391,7 @@ class _Script:
         self.grip: list[tuple[float, float]] = []
 
     def start(self, place: Array | None, angles: Array | None) -> None:
-        """The hand is there at time zero."""
+        """Set the pose at time zero."""
         if self.times:
             raise ValueError("start is the first command, and there is one")
         self.place = np.zeros(3) if place is None else place
@@ -400,7 +399,7 @@ class _Script:
         self._add(np.zeros(1), np.concatenate((self.place, self.angles))[None])
 
     def move(self, place: Array | None, angles: Array | None, duration: float, *, smooth: bool) -> None:
-        """Move there within `duration` [s], with the least jerk or, if not `smooth`, at constant speed."""
+        """Move within `duration` [s], with minimum jerk or, if not `smooth`, at constant speed."""
         before = np.concatenate((self._current_place(), self.angles))
         self.place = self._current_place() if place is None else place
         self.angles, self.turned = (self.angles, self.turned) if angles is None else (angles, True)
@@ -413,7 +412,7 @@ class _Script:
         self._add(self.now + s * duration, before + share[:, None] * (after - before))
 
     def wait(self, duration: float) -> None:
-        """Stay for `duration` [s]."""
+        """Wait for `duration` [s]."""
         self._add(np.array([self.now + duration]), np.concatenate((self._current_place(), self.angles))[None])
 
     def press(self, names: Sequence[str], *, down: bool) -> None:
@@ -427,7 +426,7 @@ class _Script:
         self.presses = [one for one in self.presses if one[0] != self.now] + [(self.now, self.bits)]
 
     def close_grip(self, opening: float, duration: float) -> None:
-        """Bring the gripper to `opening` [m] within `duration` [s]."""
+        """Move the gripper to `opening` [m] within `duration` [s]."""
         if not 0.0 <= opening <= _WIDEST:
             raise ValueError(f"grip must be between 0 and {1e3 * _WIDEST:g} mm")
         self._current_place()
@@ -454,7 +453,7 @@ class _Script:
 
 
 def parse_script(text: str, device: Device, path: str, digest: str = "") -> ScriptedMotion:
-    """The motion that a script `text` states; `path` is its name in messages. Raises InputError."""
+    """Parse the motion in a script `text`; `path` is its name in messages. Raises InputError."""
     script, lines = _Script(), text.split("\n")
     if len(lines) > _LINES:
         raise InputError(f"{path} has more than {_LINES} lines; a longer motion is a CSV file")
@@ -481,7 +480,7 @@ def parse_script(text: str, device: Device, path: str, digest: str = "") -> Scri
 
 
 def _execute(script: _Script, words: str) -> None:
-    """Add the command `words` to `script`; ValueError for what is none."""
+    """Append the command `words` to `script`; ValueError if it is not a command."""
     if len(words) > _COMMAND_CHARACTERS:
         raise ValueError(f"a command has at most {_COMMAND_CHARACTERS} characters")
     if (match := _START.fullmatch(words)) is not None and words.lower() != "start":
@@ -506,7 +505,7 @@ def _execute(script: _Script, words: str) -> None:
 
 
 def _read_three(cells: Sequence[str | None], unit: str) -> Array | None:
-    """(3,) numbers with one unit in SI; None where they are not stated."""
+    """Parse (3,) numbers with one unit to SI; None if they are missing."""
     *numbers, stated = cells
     if stated is None:
         return None
@@ -515,7 +514,7 @@ def _read_three(cells: Sequence[str | None], unit: str) -> Array | None:
 
 
 def _read_duration(number: str, unit: str) -> float:
-    """[s], more than none."""
+    """Parse a positive duration [s]."""
     duration = si(f"{number} {unit}", "s", "a duration")
     if not 0.0 < duration <= LONGEST:
         raise ValueError(f"a duration must be above 0 and at most {LONGEST:g} s")

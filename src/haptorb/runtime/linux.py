@@ -1,7 +1,7 @@
 """Operating-system facilities of the loop: Linux's for real time, and what a simulated device uses on other systems.
 
 A real device needs Linux: its scheduler, its timers and its signals switch the coils off in time. A simulated device
-runs anywhere; what differs there is timing.
+runs anywhere; only timing differs there.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def is_windows() -> bool:
 
 
 def describe_timing() -> str:
-    """One line on what is promised about time on this system; empty on Linux, where the report states it."""
+    """Describe the timing guarantees of this system in one line; empty on Linux, where the report states them."""
     if is_linux():
         return ""
     return (
@@ -478,14 +478,14 @@ def _kill(future: Future[subprocess.Popen[bytes]]) -> None:
         process.wait()
 
 
-def _forget() -> None:
+def _reset_after_fork() -> None:
     """Reset in a forked child, which has none of its parent's threads."""
     global _jobs, _making
     _jobs, _making = None, threading.Lock()
 
 
 if hasattr(os, "register_at_fork"):  # elsewhere nothing forks
-    os.register_at_fork(after_in_child=_forget)
+    os.register_at_fork(after_in_child=_reset_after_fork)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -122,7 +122,7 @@ class ProcessorWait:
     def update(self, now: int) -> bool:
         """Whether it was starved since the last update; `now` on the monotonic clock [ns]. False at the first.
 
-        True on systems that do not tell: of a simulated device there, silence up to `STARVATION` is borne.
+        True on systems that do not report it: there, a simulated device tolerates silence up to `STARVATION`.
         """
         if not is_linux():
             return True

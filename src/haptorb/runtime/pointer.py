@@ -1,4 +1,4 @@
-"""The pointer as a tracker: the hand's goal follows the console's pointer (mouse, pen, finger), else a script."""
+"""Pointer as a tracker: the hand's goal follows the console's pointer (mouse, pen, finger), else a script."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["PointerPose", "PointerTracker"]
 
 
 # --------------------------------------------------------------------------------------------------
-# The pointer as the tracker of a real tool: valid only while it is held.
+# Pointer as the tracker of a real tool: valid only while it is held.
 
 
 _MAX_SPEED_M_PER_S = 3.0  #: speed limit of the tool: faster motion is a jump of the pointer
@@ -67,7 +67,7 @@ _RELEASE = 1.5  #: time in which a released hand returns to rest [s]
 
 
 def _since(now: float, start: float) -> float:
-    """[s] from `start` to `now`, the same bits wherever on the loop's clock a motion begins."""
+    """Time [s] from `start` to `now`, with bits independent of the start time on the loop's clock."""
     return round(now - start, 9) if start else now
 
 
@@ -78,8 +78,8 @@ class PointerTracker(Tracker):
     After a release the hand returns to the rest pose of the guided motion on a minimum-jerk path.
     `origin` is the computer's monotonic time [s] at zero of the loop's clock; `guide` is the guided motion;
     `signals` receives the buttons, the gripper and the time of a scripted one. With `waits`, a scripted one stays at
-    its first pose until `signals` says that a program has come; it begins with the tick that sees it, and every run has
-    the same goals then, bit for bit.
+    its first pose until `signals` reports a program; it begins with the tick that reads this, and from then on every
+    run has the same goals, bit for bit.
     """
 
     def __init__(

@@ -50,7 +50,7 @@ _SIGNAL_TIMEOUT_S = 0.5  #: after a signal: its exception must have ended every 
 
 @final
 class SignalStop:
-    """Makes termination signals of the host a Stop, from its creation in the main thread until `close`.
+    """Turns termination signals of the host into a Stop, from its creation in the main thread until `close`.
 
     In another thread, and where the program uses the descriptor for another purpose (an event loop with its own
     handlers), a Stop waits for the program's own handler.
@@ -73,7 +73,7 @@ class SignalStop:
             self._descriptor = descriptor
             for number in END_SIGNALS:
                 if signal.getsignal(number) is signal.SIG_DFL:  # else Python's C handler does not run either
-                    signal.signal(number, _end_as_ever)
+                    signal.signal(number, _end_by_signal)
         else:
             signal.set_wakeup_fd(before, warn_on_full_buffer=False)
             os.close(descriptor)
@@ -111,7 +111,7 @@ class SignalStop:
             return
         if threading.current_thread() is threading.main_thread():
             for number in END_SIGNALS:
-                if signal.getsignal(number) is _end_as_ever:
+                if signal.getsignal(number) is _end_by_signal:
                     signal.signal(number, signal.SIG_DFL)
             now = signal.set_wakeup_fd(-1)
             if now not in (descriptor, -1):  # another part of the program has set it meanwhile
@@ -123,7 +123,7 @@ class SignalStop:
             os.close(nowhere)
 
 
-def _end_as_ever(number: int, frame: FrameType | None) -> None:
+def _end_by_signal(number: int, frame: FrameType | None) -> None:
     """Default action: a program without its own handler ends by the signal."""
     signal.signal(number, signal.SIG_DFL)
     signal.raise_signal(number)

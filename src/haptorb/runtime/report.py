@@ -1,4 +1,4 @@
-"""The report of a run: figures that the loop itself counts, so that they are complete even if the host was late."""
+"""Report of a run: figures that the loop itself counts, so that they are complete even if the host was late."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _coil_state(shared: SharedMemory) -> str | None:
 def count_recorded(shared: SharedMemory, *, over: bool) -> dict[str, int]:
     """Count the rows in the recording, and the lost rows.
 
-    over: the recorder has ended, in whatever way. Before that, rows that still wait for it are not lost.
+    over: the recorder has ended, normally or not. Before that, pending rows are not lost.
     """
     words = shared.words
     rows, published = int(words[Word.WRITTEN]), int(words[Word.ROWS])

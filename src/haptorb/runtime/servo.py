@@ -1,4 +1,4 @@
-"""The servo for Python programs: start it, move the hand, stop, change the world, read rows.
+"""Servo for Python programs: start it, move the hand, stop, change the world, read rows.
 
 The loop runs in its own process; a third process records. Leaving the `with` block in any way ends both, with the
 coils off.

@@ -62,28 +62,28 @@ __all__ = ["disagreement", "main"]
 # Check that the calibration in use belongs to the device that responds.
 
 
-def disagreement(stored: bytes | None, believed: bytes | None) -> str:
+def disagreement(stored: bytes | None, loaded: bytes | None) -> str:
     """Warning if the calibration id stored in the device differs from the controller's; empty if they agree.
 
-    `stored` None: the device has no memory; zeros: none is stored. `believed` None: no calibration was given.
+    `stored` None: the device has no memory; zeros: none is stored. `loaded` None: no calibration was given.
 
     >>> disagreement(bytes(16), None), disagreement(None, b"x" * 16)
     ('', '')
     """
-    if stored is None or stored == (believed or bytes(16)):
+    if stored is None or stored == (loaded or bytes(16)):
         return ""
-    if believed is None:
+    if loaded is None:
         return (
             f"the device was calibrated (id {stored.hex()}), but no calibration is loaded: load its file with "
             "--calibration FILE, or calibration=FILE in Python"
         )
     if not any(stored):
         return (
-            f"the device stores no calibration id, the file has {believed.hex()}: check that it was measured on this "
+            f"the device stores no calibration id, the file has {loaded.hex()}: check that it was measured on this "
             "device; `haptorb calibrate` stores the id"
         )
     return (
-        f"calibration {believed.hex()} is not the one stored on the device, {stored.hex()}: use the last file "
+        f"calibration {loaded.hex()} is not the one stored on the device, {stored.hex()}: use the last file "
         "measured on this device, or calibrate again"
     )
 
@@ -166,8 +166,8 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
         if end_signals.early:
             sys.exit(128 + end_signals.early)
         chain.driver.open()
-        believed = None if calibration is None else calibration.id
-        shared.warning.write(disagreement(chain.driver.calibration, believed) or chain.remark)
+        loaded = None if calibration is None else calibration.id
+        shared.warning.write(disagreement(chain.driver.calibration, loaded) or chain.remark)
         clock = Clock(plan.config.rate, chain.driver.lead)
         tracker.origin = clock.schedule.origin * 1e-9
         if is_linux():

@@ -491,7 +491,7 @@ class PointerBlock(PointerSource):
 @final
 class HandSignals:
     """Words at `at`: the pressed buttons of a scripted hand, the opening of its thumb and finger, and the time in its
-    motion; the word at `begin` says when it may begin."""
+    motion; the word at `begin` states when it may begin."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int, begin: int) -> None:
         self._words, self._floats, self._at, self._begin = words, floats, at, begin
@@ -509,7 +509,7 @@ class HandSignals:
 
     @property
     def begun(self) -> bool:
-        """Whether a program has come for which a motion waits."""
+        """Whether the program for which a motion waits has connected."""
         return bool(self._words[self._begin])
 
     @property
@@ -630,7 +630,7 @@ def split_snapshot(layout: str, snapshot: NDArray[np.uint8]) -> dict[str, StateA
 _MAGIC = int.from_bytes(b"haptorb\0", "little")
 _VERSION = 11
 _PAGE = 4096
-_SIGNALS = 1024  #: signals that can be received until the host looks for them again, 20 ms at a time
+_SIGNALS = 1024  #: signals that can be received between two polls of the host, 20 ms apart
 _HAS_FLAGS = hasattr(mmap, "MAP_SHARED")
 _END_NUMBERS = frozenset(map(int, END_SIGNALS))
 _TEXTS = 9

@@ -90,12 +90,12 @@ class RenderedPart(Stateful):
         return {"part": self._kept[0]}
 
     def gather_state(self) -> None:
-        """Note them."""
+        """Copy the part to the state arrays."""
         cells = self._kept[1]
         cells[0], cells[1], cells[2], cells[3] = self.number, self.is_open, PARTS.index(self._part), self._has_pushed
 
     def apply_state(self) -> None:
-        """Take them over, with the allocator of that part."""
+        """Restore the part, with its allocator."""
         self.number, is_open, part, has_pushed = self._kept[1]
         self.is_open, self._has_pushed = bool(is_open), bool(has_pushed)
         self._part = PARTS[choose(part, len(PARTS))]
@@ -520,7 +520,7 @@ class Tick(Stateful):
 
     @property
     def remark(self) -> str:
-        """What a person should know of the estimator before it is relied on; empty for nothing."""
+        """Warning of the estimator, to be displayed before use; empty if there is none."""
         return self.estimator.remark
 
     @property
@@ -533,8 +533,8 @@ class Tick(Stateful):
         """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
         the same with other values without a step (`guard.pass_over`).
 
-        In another kind of world the object is reset; with other parameters it stays where it is, and a world with
-        memory keeps of it what its rule says.
+        In another kind of world the object is reset; with other parameters it keeps its pose, and a world with memory
+        keeps its memory according to its own rule.
         """
         self._go_over(world)
         self._log.record(TickCommand.WORLD)
@@ -802,7 +802,7 @@ class Chain(Protocol):
 
     @property
     def remark(self) -> str:
-        """What a person should know of the estimator before it is relied on; empty for nothing."""
+        """Warning of the estimator, to be displayed before use; empty if there is none."""
 
     @property
     def client(self) -> Records:

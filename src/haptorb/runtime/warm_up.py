@@ -67,10 +67,10 @@ class _IdleDriver(Driver):
         self._place = device.rest_position
 
     def open(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing."""
 
     def read(self, now: float) -> Sample:
         """Return the constant sample."""
@@ -83,7 +83,7 @@ class _IdleDriver(Driver):
         return duties.copy()
 
     def truth(self) -> Array:
-        """None."""
+        """Return zeros."""
         return np.zeros(6)
 
 

@@ -94,7 +94,7 @@ def parse_request(text: str) -> tuple[int, str, dict[str, Any], str]:
 def change_world(world: World, name: str, values: Mapping[str, Any], own: Mapping[str, World] | None = None) -> World:
     """Return `world` with other `values` if that is its name, else one of the `own` or the catalogue's worlds.
 
-    Raises UnknownName for a world or value that does not exist, InputError for a value that cannot be.
+    Raises UnknownName for a world or value that does not exist, InputError for an invalid value.
     """
     plain, remote = split_remote(world)
     if name == name_of(world):

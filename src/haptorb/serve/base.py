@@ -70,7 +70,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The running device as a server process sees it: rows, control by one client at a time, and status reports.
+# Interface of a server process to the running device: rows, control by one client at a time, and status reports.
 
 
 SILENCE = 2.0  #: a client that sends no command for this long loses control of the device [s]

@@ -132,7 +132,7 @@ def _encode(reply: HttpReply, origin: str | None) -> Response:
 # --------------------------------------------------------------------------------------------------
 # WebSocket connection on one of the two ports, with limits so that no client starves the others.
 #
-# It takes over from the HTTP connection that asked for it. An ASGI application would receive a message through a queue
+# It takes over from the HTTP connection that requested it. An ASGI application would receive a message through a queue
 # and a task, and without the time at which its bytes arrived, from which the age of a command counts. Here messages are
 # answered in the receive callback. After two answers other connections have their turn. A client that does not read its
 # replies is no longer read, and is closed after ten seconds. After an invalid message reading is paused for a moment, a
@@ -181,7 +181,7 @@ class Endpoint(ABC):
 
 @final
 class Connection(asyncio.Protocol):
-    """WebSocket connection of one client of `endpoint`; `peer` is its IP address. The rest is what uvicorn gives."""
+    """WebSocket connection of one client of `endpoint`; `peer` is its IP address. The other arguments are uvicorn's."""
 
     def __init__(self, endpoint: Endpoint, **_: Any) -> None:
         self.endpoint, self.peer, self._own = endpoint, "", False

@@ -1,4 +1,4 @@
-"""Access control of every server: pages of the console and its like, and servers for other programs.
+"""Access control of all servers: pages such as the console, and servers for other programs.
 
 Three attacks are prevented. A page of another site could open a WebSocket to 127.0.0.1 (browsers allow it) and move a
 powered machine: checked by Origin. A page whose host name resolves to 127.0.0.1 could pass as this server: checked by
@@ -95,7 +95,7 @@ _TOKEN_PATTERN = re.compile(r"[A-Za-z0-9_-]*")
 
 
 def choose_token() -> str:
-    """Return HAPTORB_TOKEN of the environment, or a new token. Raises InputError if the variable is no valid token."""
+    """Return HAPTORB_TOKEN of the environment, or a new token. Raises InputError if the variable is not valid."""
     return _read_token(TOKEN) or secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS)
 
 

@@ -62,7 +62,7 @@ def application(
 
     `force_map` computes the force of the device at points in space; by default a simulation of `servo.device`.
     `app.state.force_map` is the process of that simulation, to be closed at the end, or None.
-    Raises InputError if the page has not been built, or HAPTORB_TOKEN of the environment is no valid token.
+    Raises InputError if the page has not been built, or HAPTORB_TOKEN of the environment is not a valid token.
     """
     token = choose_token()
     files = page_files(STATIC)

@@ -67,8 +67,8 @@ __all__ = [
 # Connection limits (protection against denial of service).
 #
 # Every program of this computer can connect, from any account. The cost is bounded here: how many connections may make
-# requests at the same time, for how long, and how much is read from one before the others have their turn. Whatever a
-# client sends, at worst its own connection ends.
+# requests at the same time, for how long, and how much is read from one before the others have their turn. The worst
+# effect of any client's data is the end of its own connection.
 
 
 #: connections with HTTP requests, and as many WebSockets that are opening or closing; a browser needs six. A new one
@@ -132,10 +132,10 @@ class Request(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """What cannot even be refused ends the connection."""
+        """Process received data; end the connection on data that the parser cannot even reject."""
         try:
             super().data_received(data)
-        except Exception:  # of parsers, over bytes that anybody may send
+        except Exception:  # of parsers, over arbitrary bytes
             self.transport.abort()
 
 
@@ -174,10 +174,10 @@ class Socket(WebSocketsSansIOProtocol):
             self.loop.call_later(_CLOSE_TIMEOUT_S, self._abort_if_closing, self.transport.is_closing())
 
     def data_received(self, data: bytes) -> None:
-        """What cannot even be refused ends the connection."""
+        """Process received data; end the connection on data that the parser cannot even reject."""
         try:
             super().data_received(data)
-        except Exception:  # of parsers, over bytes that anybody may send
+        except Exception:  # of parsers, over arbitrary bytes
             self.transport.abort()
 
 
@@ -219,7 +219,7 @@ class Server(uvicorn.Server):
 
 
 def server(app: Any) -> Server:
-    """Configure a server for `app` (ASGI) and load its modules now: later a servo may depend on this process."""
+    """Configure a server for `app` (ASGI) and load its modules now, before a servo depends on this process."""
     return Server(configure(app))
 
 
@@ -256,7 +256,7 @@ def configure(
 
 
 def make_connections(config: uvicorn.Config) -> Callable[[], asyncio.Protocol]:
-    """Factory of connections for the `create_server` of a loop, where another program than uvicorn's runs it."""
+    """Make a factory of connections for the `create_server` of a loop that is not run by uvicorn."""
     state = ServerState()
 
     def connect() -> asyncio.Protocol:

@@ -595,7 +595,7 @@ def _to_json(value: Any) -> Any:
 
 
 def press_buttons(servo: Servo, command: Mapping[str, Any]) -> None:
-    """Set the buttons pressed on a page, for connected programs. Raises InputError for no list of names."""
+    """Set the buttons pressed on a page, for connected programs. Raises InputError unless it is a list of names."""
     pressed = command.get("pressed")
     if not isinstance(pressed, list) or not all(isinstance(name, str) for name in pressed[:_MAX_VALUES]):
         raise InputError("buttons are a list of names: a, b, c")

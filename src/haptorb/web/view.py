@@ -287,7 +287,7 @@ class PlayedRecording:
     seconds    from the first tick to the last [s]
     notices    notices for the user: truncated, another version, no device, missing fields
 
-    Raises RecordingError for a file that is no recording, InputError for one without rows or times.
+    Raises RecordingError for a file that is not a recording, InputError for one without rows or times.
     """
 
     def __init__(self, path: Path, device: str | None = None) -> None:
@@ -570,7 +570,7 @@ def application(
     opening   initial state of the page: `at` [s], `range` ([s, s] or None), `offset` [s] of the second recording
     where     listening and public address of the page
 
-    Raises InputError if the pages have not been built, or HAPTORB_TOKEN of the environment is no valid token.
+    Raises InputError if the pages have not been built, or HAPTORB_TOKEN of the environment is not a valid token.
     """
     token = choose_token()
     files = page_files(STATIC)

@@ -447,8 +447,8 @@ def find_started(path: Path, name: str) -> dict[Path, str]:
     code = _read_code(path)
     if _started_code_digest(path, name, code) not in _read_list(list_path()):  # safety: recordings-run-no-code
         raise InputError(
-            f"its code in {path}, with what that imports from its folder, is not on this account's list of worlds that "
-            "were started; what a recording names is not executed"
+            f"its code in {path}, with its imports from that folder, is not on this account's list of started worlds; "
+            "code is not executed because a recording names it"
         )
     return code
 

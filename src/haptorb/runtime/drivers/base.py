@@ -1,4 +1,4 @@
-"""The interface to a device, simulated or real: read a sample, write duties, switch the coils off at the end."""
+"""Interface to a device, simulated or real: read a sample, write duties, switch the coils off at the end."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Driver(ABC):
     name : str
         Name on the command line, as in `--driver`.
     simulated : bool
-        True only if the device cannot touch a person.
+        True only if the device cannot exert forces on a person.
     lead : float
         Time before a tick at which `prepare` is called [s].
     """
@@ -148,7 +148,7 @@ class Driver(ABC):
     @property
     def coil_state(self) -> CoilState:
         """Whether current can flow, as confirmed by the device. OFF only if the device confirmed it: UNKNOWN
-        between the command to switch off and the confirmation. A driver that does not know returns UNKNOWN."""
+        between the command to switch off and the confirmation. A driver without that information returns UNKNOWN."""
         return CoilState.UNKNOWN
 
     @property
@@ -227,7 +227,7 @@ class Driver(ABC):
 
 
 # --------------------------------------------------------------------------------------------------
-# The electronics of both real drivers: three coils, nine Hall sensors, duties in PWM steps, no tracker.
+# Electronics of both real drivers: three coils, nine Hall sensors, duties in PWM steps, no tracker.
 
 
 CHANNELS = 3
@@ -317,8 +317,8 @@ class HallSensors:
     span         field over the converter's full range [T]
     directions   (k, 3) measuring directions of one-axis sensors; None for three axes
 
-    Raises InputError if a position is not finite, no 3-vector, or at the centre, where no radius is; for other axes, or
-    no positive span.
+    Raises InputError if a position is not a finite 3-vector, or is at the centre, where the radius is undefined; for
+    other axes, or a span that is not positive.
 
     >>> radial = HallSensors([[0.0, 0.0, -0.055]], axes=1)
     >>> field = radial.empty_field()

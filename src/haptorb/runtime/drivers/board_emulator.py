@@ -60,7 +60,7 @@ class EmulatedDevice:
         self._shares = np.full((3, device.sensors), 0.5)
         state = self.simulation.state()
         self._rest = (state.p.copy(), np.array([0.0, 0.0, 0.0, 1.0]))
-        self.simulation.advance(1e-3, np.zeros(device.channels), *self._rest)  # compile before anybody waits
+        self.simulation.advance(1e-3, np.zeros(device.channels), *self._rest)  # compile in advance
         self.simulation.sample(0.0, 0.0, True)
         self.simulation.reset(seed)
         self._lock = threading.Lock()
@@ -163,7 +163,7 @@ class Emulator:
             try:
                 line = self._lines.get(timeout=max(end - time.monotonic(), 1e-3))
             except Empty:
-                raise DriverError(f"the emulator did not say '{start}' within {patience:g} s") from None
+                raise DriverError(f"the emulator did not report '{start}' within {patience:g} s") from None
             if line.startswith(start):
                 return line
 
@@ -207,7 +207,7 @@ class Emulator:
         while float(self.status()["t"]) < end:
             time.sleep(0.005)
 
-    def forget(self) -> None:
+    def discard_lines(self) -> None:
         """Drop all lines received so far."""
         while not self._lines.empty():
             self._lines.get()

@@ -492,7 +492,7 @@ class I2cDriver(Driver):
     refuses fewer than `hall_axes`. Each `read` brings one axis of four or five of them, the rest of a sample's `field`
     is NaN.
 
-    Raises DriverError for a device that has not three coils and nine Hall sensors.
+    Raises DriverError for a device without three coils and nine Hall sensors.
     """
 
     simulated = False

@@ -227,7 +227,7 @@ class Ina219:
         self._ampere = _RESOLUTION_V / shunt
 
     def setup(self) -> None:
-        """Set range, resolution, and the pointer to the shunt register; DriverError if this is no INA219."""
+        """Set range, resolution, and the pointer to the shunt register; DriverError if this is not an INA219."""
         at = self._address
         try:
             self._bus.transfer([(at, bytes((_CONFIG, _SETTING >> 8, _SETTING & 0xFF)))])

@@ -17,7 +17,7 @@ DRIVERS = ("sim",)
 
 
 def check_driver(name: str) -> str:
-    """Return `name`; raise UnknownName if it is no driver. Port or bus are checked when they are opened."""
+    """Return `name`; raise UnknownName if it is not a driver. Port or bus are checked when they are opened."""
     if name not in DRIVERS and not is_real(name):
         raise UnknownName("driver", name, (*DRIVERS, "serial:PORT", "i2c:BUS"))
     return name
@@ -43,12 +43,12 @@ def real_driver(
     patience: float = 5e-3,
     watchdog: bool = True,
 ) -> Driver:
-    """Make the driver `name` of `device`, not open yet; InputError if the name is no port or bus, PlatformError if this
-    is not Linux.
+    """Make the driver `name` of `device`, not open yet; InputError if the name is not a port or bus,
+    PlatformError if this is not Linux.
 
     duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
-    than `hall_axes` are refused when it is opened. `patience` [s] is how long a bridge's answer is waited for: a loop
-    has no time, a program without one has. An I²C bus whose PWM chip has no monostable on OE is refused when it is
+    than `hall_axes` are refused when it is opened. `patience` [s] is the response timeout of a bridge: short for a
+    loop, longer for a program without one. An I²C bus whose PWM chip has no monostable on OE is refused when it is
     opened, unless `watchdog` is False.
     """
     if is_real(name):

@@ -372,7 +372,7 @@ class Board:
         """Collect the response to `post`, (1,) BOARD_READING, waiting at most `patience` [s]; None if it did not come.
         The next one overwrites it.
 
-        Raises DriverError if the firmware refuses the request, or if its response is no reading.
+        Raises DriverError if the firmware refuses the request, or if its response is not a reading.
         """
         if self._waiting is None:
             return None
@@ -514,7 +514,7 @@ class BoardSample:
 
 
 _LOST_IN_A_ROW = 3  #: successive lost responses until the device counts as silent, while engaged
-_LOST_AT_REST = 20  #: the same while not engaged: a busy computer is no danger then
+_LOST_AT_REST = 20  #: the same while not engaged: a busy computer is not a danger then
 _REPEAT_AFTER_S = (
     5e-3  #: after this wait for a reply the request is repeated: 15 ms of silence switch the coils off [s]
 )

@@ -165,7 +165,7 @@ def crc16(data: bytes) -> int:
 
 
 def encode(frame: Frame) -> bytes:
-    """Encode `frame` to bytes; InputError if its payload is too long or a number is no byte.
+    """Encode `frame` to bytes; InputError if its payload is too long or a number is not a byte.
 
     >>> encode(Frame(0x06, 6, b"")).hex(" ")
     'a5 5a 00 06 06 fc 06'

@@ -87,7 +87,7 @@ class Feed(ABC):
         Yields
         ------
         RawPose or RejectedPose
-            Each pose, or each message that is none.
+            Each pose, or each message that is not a pose.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class FramedFeed(TransformedFeed):
 # The interface of every tracker, with one method for simulated and one for real devices.
 #
 # For a simulated device the tracker supplies the goal of the simulated hand (`goal`), for a real device the pose of the
-# real tool (`pose`). Both have a timestamp, and both may be unknown: no tracker ever invents one.
+# real tool (`pose`). Both have a timestamp, and both may be unknown: no tracker ever makes one up.
 
 
 @record

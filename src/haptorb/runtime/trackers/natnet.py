@@ -32,7 +32,7 @@ _KEEP_ALIVE_INTERVAL_S = 0.5  #: between two keep-alive messages to the server
 _BURST = 64
 _DOUBLE_TIME = (2, 7)  #: first protocol version whose frames have their time as a double
 _NO_LATENCY = (3, 0)  #: first protocol version whose frames have no latency before the time, which `natnet` never reads
-_PARAMETERS_BYTES = 2  #: what follows the time in a frame of an earlier version
+_PARAMETERS_BYTES = 2  #: bytes after the time in a frame of an earlier version
 
 
 def _encode_request(kind: int, text: bytes = b"") -> bytes:

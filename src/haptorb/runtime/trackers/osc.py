@@ -58,8 +58,8 @@ class Single(float):
 def read_packet(data: bytes, depth: int = _MAX_DEPTH) -> list[tuple[str, list[Any]]]:
     """Parse the messages (address, values) in `data`, in order, regardless of the time tags of bundles.
 
-    Raises InputError if `data` is no OSC packet, or has more than `depth` nested bundles; then all of its messages are
-    rejected.
+    Raises InputError if `data` is not an OSC packet, or has more than `depth` nested bundles; then all of its messages
+    are rejected.
 
     >>> read_packet(b"/a\\0\\0,i\\0\\0\\0\\0\\0\\x07")
     [('/a', [7])]
@@ -164,7 +164,7 @@ class OscFeed(Feed):
         self._numbers: list[float] = []  # of the pose before
         self._other = ""  # the first message with another layout
         self._sender: object = None
-        self._last_message = float("-inf")  # when it last said something of the layout
+        self._last_message = float("-inf")  # time of its last message of the layout
         self._accept_from = float("-inf")  # its poses count from then on
 
     @property

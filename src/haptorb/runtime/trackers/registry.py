@@ -43,7 +43,7 @@ def has_feed(name: str) -> bool:
 
 
 def check_tracker(name: str, driver: str = "sim") -> str:
-    """Return `name`; UnknownName or InputError if it is no tracker, or none for `driver`. Nothing is opened."""
+    """Return `name`; UnknownName or InputError if it is not a tracker, or not for `driver`. Nothing is opened."""
     from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
 
     if not has_feed(name):
