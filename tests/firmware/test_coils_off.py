@@ -215,7 +215,7 @@ def test_the_tests_above_can_fail(
     """A firmware broken on purpose keeps its coils on for longer than it may."""
     with Emulator(broken(file, right, wrong), tmp_path / "port") as emulator:
         if fault is button:
-            with pytest.raises(DriverError, match="did not say '@off'"):
+            with pytest.raises(DriverError, match="did not report '@off'"):
                 off_times(emulator, fault, 1, patience=3.0)
         else:
             assert min(off_times(emulator, fault, 1)) > LIMIT_MS
