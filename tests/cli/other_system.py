@@ -337,6 +337,9 @@ def use(folder):
         "emulate": lambda: run_command("hardware", "emulate"),
         "calibrate": lambda: run_command("calibrate", "--driver", "i2c:1", "--out", folder / "c.json"),
         "bench": lambda: run_command("bench", "loop"),
+        "exec": lambda: run_command("exec", "--", sys.executable, "-c", "pass"),
+        "libraries": lambda: run_command("libraries", folder / "kit"),
+        "tracker": lambda: run_command("run", "--tracker", "osc:9000", "--headless", "--duration", 1),
     }
 
 

@@ -160,7 +160,10 @@ def wait_until(holds, patience):
         sleep(0.05)
 
 
-@pytest.mark.parametrize("part", ["serve", "check", "probe", "monitor", "emulate", "calibrate", "bench"])
+@pytest.mark.parametrize(
+    "part",
+    ["serve", "check", "probe", "monitor", "emulate", "calibrate", "bench", "exec", "libraries", "tracker"],
+)
 def test_what_needs_linux_says_so_in_one_line(result, part):
     code, out, err = result(part)
     assert (code, out) == (2, "")

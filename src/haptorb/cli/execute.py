@@ -36,6 +36,7 @@ def libraries(
     force: Annotated[bool, typer.Option("--force", help="Replace the files of the same names.")] = False,
 ) -> None:
     """Put libdrd, libdhd, libHD and their headers into a folder, for a build: DIR/lib, DIR/include."""
+    require_linux("`haptorb libraries`")
     from haptorb.serve.native_libraries import lay_out
 
     lay_out(folder, replace=force)
