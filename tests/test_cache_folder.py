@@ -138,6 +138,20 @@ def test_a_home_that_is_no_folder_is_none(home: str, tmp_path: Path, monkeypatch
     (state_folder() / "trips").mkdir(parents=True, exist_ok=True)
 
 
+@pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "TMPDIR"])
+def test_without_a_home_matplotlib_is_silent_too(variable: str, tmp_path: Path) -> None:
+    program = "from haptorb.cache_folder import cache_folder; cache_folder(); import matplotlib; "
+    left_out = ("NUMBA_CACHE_DIR", "HAPTORB_CACHE_FOLDER", "MPLCONFIGDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")
+    environment = {key: value for key, value in os.environ.items() if key not in left_out}
+    environment |= {"HOME": "/dev/null", variable: str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program + "print(matplotlib.get_cachedir(), matplotlib.get_configdir())"],
+        env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert all(Path(one).is_relative_to(tmp_path) for one in done.stdout.split())
+    assert len(done.stderr.splitlines()) == (variable == "TMPDIR"), done.stderr  # the cache folder's own line
+
+
 def test_without_a_folder_for_temporary_files_a_command_needs_none_or_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-__all__ = ["cache_folder", "explain_shared", "find_base", "find_home", "private_folder"]
+__all__ = ["cache_folder", "can_write_to", "explain_shared", "find_base", "find_home", "private_folder"]
 
 _CHOSEN = "HAPTORB_CACHE_FOLDER"  #: tells child processes the choice, for one message only
 
@@ -26,7 +26,8 @@ def cache_folder() -> Path:
     """Return the folder for data that can be recomputed: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb.
 
     Another private folder if that one is shared with other accounts or cannot be created, such as in a container
-    without a writable home; this is reported once on standard error.
+    without a writable home; this is reported once on standard error. Without such a home,
+    Matplotlib's files lie there, too.
     """
     return _choose(find_base("XDG_CACHE_HOME", ".cache"))
 
@@ -39,6 +40,12 @@ def find_base(variable: str, *parts: str) -> str:
     """
     stated = os.environ.get(variable, "")
     return stated if os.path.isabs(stated) else find_home(*parts)
+
+
+def can_write_to(folder: Path) -> bool:
+    """Whether this account can write to `folder`, or create it: a home may be /dev/null, which can be written, too."""
+    there = next((one for one in (folder, *folder.parents) if one.exists()), folder)
+    return there.is_dir() and os.access(there, os.W_OK)
 
 
 def find_home(*parts: str) -> str:
@@ -154,6 +161,11 @@ def _choose(home: str) -> Path:
         os.environ[_CHOSEN] = f"{home}{os.pathsep}{folder}"
         if refused:
             print(f"haptorb: {refused}; {folder} is used instead", file=sys.stderr)
+    settings = find_base("XDG_CONFIG_HOME", ".config", "matplotlib")
+    if not settings or not can_write_to(
+        Path(settings)
+    ):  # Matplotlib would say so in two lines, and look for fonts anew
+        os.environ.setdefault("MPLCONFIGDIR", str(folder / "matplotlib"))
     return folder
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from time import time
 from typing import Any, BinaryIO, Protocol, final
 
-from haptorb.cache_folder import cache_folder, find_base
+from haptorb.cache_folder import cache_folder, can_write_to, find_base
 from haptorb.errors import HaptorbError, quote
 
 __all__ = [
@@ -401,8 +401,7 @@ def state_folder() -> Path:
     cache folder if this account has no writable home."""
     if home := find_base("XDG_STATE_HOME", ".local", "state"):
         folder = Path(home) / "haptorb"
-        there = next(one for one in (folder, *folder.parents) if one.exists())
-        if there.is_dir() and os.access(there, os.W_OK):  # a home may be /dev/null, which can be written
+        if can_write_to(folder):
             return folder
     return cache_folder() / "state"
 
