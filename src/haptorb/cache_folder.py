@@ -14,6 +14,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def cache_folder() -> Path:
     """Return the folder for data that can be recomputed: $XDG_CACHE_HOME/haptorb, else ~/.cache/haptorb.
 
     Another private folder if that one is shared with other accounts or cannot be created, such as in a container
-    without a writable home; this is reported once on standard error. Without such a home,
+    without a writable home; this is reported once on standard error. Without such a home
     Matplotlib's files lie there, too.
     """
     return _choose(find_base("XDG_CACHE_HOME", ".cache"))
@@ -161,11 +162,11 @@ def _choose(home: str) -> Path:
         os.environ[_CHOSEN] = f"{home}{os.pathsep}{folder}"
         if refused:
             print(f"haptorb: {refused}; {folder} is used instead", file=sys.stderr)
-    settings = find_base("XDG_CONFIG_HOME", ".config", "matplotlib")
-    if not settings or not can_write_to(
-        Path(settings)
-    ):  # Matplotlib would say so in two lines, and look for fonts anew
-        os.environ.setdefault("MPLCONFIGDIR", str(folder / "matplotlib"))
+    settings = find_base("XDG_CONFIG_HOME", ".config")
+    if "MPLCONFIGDIR" not in os.environ and not (settings and can_write_to(Path(settings, "matplotlib"))):
+        with suppress(OSError):  # otherwise Matplotlib prints two lines, and looks for fonts each time
+            _make(folder / "matplotlib")
+            os.environ["MPLCONFIGDIR"] = str(folder / "matplotlib")
     return folder
 
 
