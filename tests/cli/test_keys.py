@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
+from haptorb.cli.keys import FILES, FileKeys, KeySection
+from haptorb.devices.base import KINDS, kind_of_name
 from haptorb.devices.loader import load
+from haptorb.devices.schema import list_keys
 from haptorb.errors import HaptorbError
+from haptorb.runtime.trackers.formats import MappingFile
 from oracles.command import run_command
 
 pytestmark = pytest.mark.usefixtures("narrow")
@@ -68,3 +73,15 @@ def test_the_list_is_that_of_the_reader(
 def test_without_a_name_the_kinds_of_file_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     said = run_command(capsys, "keys")[1]
     assert sorted(line.split()[0] for line in said.splitlines()) == ["design", "device", "feel", "mapping", "study"]
+
+
+def test_what_another_package_adds_is_listed_and_a_kind_made_in_python_hides_nothing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = run_command(capsys, "keys", "device")[1]
+    monkeypatch.setitem(KINDS, "rail", replace(kind_of_name("coil-array"), file=None))
+    assert run_command(capsys, "keys", "device") == (0, before, "")
+    plugged = FileKeys("a rail: haptorb rail FILE", lambda: [KeySection("", tuple(list_keys(MappingFile)))])
+    monkeypatch.setitem(FILES, "rail", plugged)
+    assert "haptorb rail FILE" in run_command(capsys, "keys")[1]
+    assert "messages.values" in run_command(capsys, "keys", "rail")[1]

@@ -126,7 +126,7 @@ def test_a_scene_with_an_actuator_runs(scenes: Path, capsys: pytest.CaptureFixtu
     )
     assert code == 0, err
     assert json.loads(out)["world"] == "scene-with-actuator"
-    assert "1 actuators" in " ".join(err.split())
+    assert "1 actuator (actuator 1) holds" in " ".join(err.split())
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])

@@ -352,10 +352,13 @@ def _check(scene: SceneModel) -> SceneModel:
         model.opt.integrator = int(kinds.mjINT_IMPLICITFAST)
         remarks.append(f"scene '{scene.title}': integrator implicitfast is used instead of RK4")
     if model.nu:
-        remarks.append(
-            f"scene '{scene.title}': its {model.nu} actuators ({_list_some(scene.actuators)}) hold their controls of "
-            + ("the first keyframe" if model.nkey else "zero")
+        many = (
+            f"1 actuator ({scene.actuators[0]}) holds"
+            if model.nu == 1
+            else f"{model.nu} actuators ({_list_some(scene.actuators)}) hold"
         )
+        controls = "the controls of the first keyframe" if model.nkey else "control 0"
+        remarks.append(f"scene '{scene.title}': {many} {controls}; control_1 and so on change them")
     loose = np.flatnonzero((model.body_dofnum > 0) & (model.body_mass <= 0.0) & (model.body_subtreemass <= 0.0))
     if loose.size:
         raise InputError(f"scene '{scene.title}': body '{model.body(int(loose[0])).name}' moves but has no mass")
