@@ -237,6 +237,7 @@ def test_plots_show_every_sample_hold_still_and_export(staged, tmp_path):
     screen.until(f"haptorb.samples > {held}")
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow(staged, fake):
     """Five minutes' worth of samples in seconds: the page keeps one minute, whatever comes."""
     screen = staged()

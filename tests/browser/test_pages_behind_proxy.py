@@ -56,7 +56,7 @@ def serve_study(tmp_path: Path) -> Iterator[Callable[[PageAddress], StudyHost]]:
         host.close()
 
 
-@pytest.mark.parametrize("who", ["participant", "experimenter"])
+@pytest.mark.parametrize("who", ["participant", pytest.param("experimenter", marks=pytest.mark.slow)])
 def test_a_study_through_https_and_a_path(
     who: str, browser: Any, certificate: Path, serve_study: Callable[[PageAddress], StudyHost]
 ) -> None:
@@ -98,7 +98,7 @@ def paint_nothing(points: Any) -> Any:
     return np.zeros(len(points)), np.zeros(len(points), dtype=bool)
 
 
-@pytest.mark.parametrize("who", ["participant", "experimenter"])
+@pytest.mark.parametrize("who", ["participant", pytest.param("experimenter", marks=pytest.mark.slow)])
 def test_a_study_that_is_slow_is_not_called_gone(
     who: str, browser: Any, serve_study: Callable[[PageAddress], StudyHost]
 ) -> None:

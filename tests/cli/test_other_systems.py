@@ -105,7 +105,7 @@ def test_a_page_is_served_until_ctrl_c(result, part):
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize("system", ["win32", "darwin"])
+@pytest.mark.parametrize("system", ["win32", pytest.param("darwin", marks=pytest.mark.slow)])
 def test_a_world_is_felt_from_python(told, system, tmp_path):
     there = told if system == "win32" else use(system, tmp_path, "servo")
     assert "error" not in there["servo"], there["servo"]["error"]
@@ -121,7 +121,7 @@ def test_a_world_that_does_not_return_is_ended(result):
     assert "world 'stuck' hangs" in err
 
 
-@pytest.mark.parametrize("system", ["win32", "darwin"])
+@pytest.mark.parametrize("system", [pytest.param("win32", marks=pytest.mark.slow), "darwin"])
 def test_nothing_is_left_of_a_run_that_was_killed(system, tmp_path):
     """No parent-death signal there: servo and recorder find it out, and the recording is whole up to then."""
     record = tmp_path / "run.mcap"

@@ -160,6 +160,7 @@ def test_a_design_is_chosen_seen_and_felt_only_after_it_was_engaged(page: Any, s
     raise AssertionError(servos[0].calls)
 
 
+@pytest.mark.slow
 def test_through_https_and_a_path_the_page_shows_the_console_through_another(
     servos: list[Any], browser: Any, certificate: Path
 ) -> None:

@@ -54,7 +54,7 @@ def page(browser: Any, tmp_path: Path, table: ResultsTable) -> Iterator[Any]:
     assert not troubles
 
 
-@pytest.mark.parametrize("end", [np.min, np.max])
+@pytest.mark.parametrize("end", [np.min, pytest.param(np.max, marks=pytest.mark.slow)])
 def test_the_name_of_the_base_device_lies_inside_the_plot(
     browser: Any, tmp_path: Path, table: ResultsTable, end: Callable[..., float]
 ) -> None:

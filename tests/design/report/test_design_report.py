@@ -4,6 +4,7 @@ import json
 import re
 from base64 import b64decode
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -30,6 +31,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(report, "make_best", _make_plain)
 
 
+@cache
 def _table(count=300, goals=2, runs=1, method="sobol"):
     found = tuple(
         Run(number, method, number, {}, "0.1.0", "2026-01-01", tuple(make_evaluations(count, number)))

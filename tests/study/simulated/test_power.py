@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import nct, t
@@ -10,7 +12,7 @@ from haptorb.errors import InputError
 from haptorb_study.analysis.analysis import analyse
 from haptorb_study.simulated.pool import simulate_value
 from haptorb_study.simulated.power import power, power_of
-from haptorb_study.study_file import study_of
+from haptorb_study.study_file import Study, study_of
 from oracles.repetitions import repetitions
 
 TWO = """
@@ -164,13 +166,23 @@ between = ["base", "weak"]
 )
 
 
-def test_the_plan_says_what_is_not_asked_otherwise() -> None:
+def test_the_plan_says_what_is_not_asked_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whose answers they are does not matter here."""
+    simulated: list[tuple[str, tuple[str, str]]] = []
+
+    def simulate_pool(study: Study, pool: int, seed: int, measure: str, between: tuple[str, str], **_: object) -> Any:
+        simulated.append((measure, between))
+        return [0.1 + 0.01 * n for n in range(pool)]
+
+    monkeypatch.setattr("haptorb_study.simulated.power.simulate_pool", simulate_pool)
     found = power(study_of(PLANNED), pool=8, people=(6,))
     assert (found.measure, found.a, found.b, found.test) == ("error", "weak", "base", "sign-flip")
     assert found.alpha == pytest.approx(0.02)  # two tests, Holm: the strictest step
     assert 18 in power(study_of(PLANNED), test="t", pool=8).people
     asked = power(study_of(PLANNED), ("base", "weak"), "accuracy", pool=8, alpha=0.05, test="t", people=(6,))
     assert (asked.measure, asked.alpha, asked.test) == ("accuracy", 0.05, "t")
+    planned = ("error", ("weak", "base"))
+    assert simulated == [planned, planned, ("accuracy", ("base", "weak"))]
 
 
 def test_what_is_claimed_of_all_conditions_has_a_power_too() -> None:
