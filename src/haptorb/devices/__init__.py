@@ -1,4 +1,4 @@
-"""Devices: device files, the kinds of device, and what their coils can do at a pose."""
+"""Devices: device files, kinds of device, and wrench maps of their coils."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A conventional haptic arm: an end effector on motors, with encoders, friction and a workspace of its own."""
+"""Conventional haptic arm: an end effector driven by motors, with encoders, friction and a workspace."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _BEYOND = 0.02  #: how far outside the workspace a hand may pull: it leans on th
 @final
 @dataclass(frozen=True)
 class EndEffector:
-    """What the hand moves: apparent mass and friction at the end effector, the same in every direction."""
+    """Apparent mass and friction at the end effector, the same in every direction."""
 
     mass: float  #: [kg]
     inertia: float  #: about every axis [kg·m²]
@@ -56,7 +56,7 @@ class ArmEncoder:
 @final
 @dataclass(frozen=True)
 class ArmWorkspace:
-    """A box, or a cylinder about the y axis, in the middle of which is the origin.
+    """Workspace: a box, or a cylinder about the y axis, centred on the origin.
 
     The stator's frame: x to the user's right, y away from the user, z up.
     """
@@ -72,7 +72,7 @@ class ArmWorkspace:
         return np.asarray((np.abs(places) <= (x, y, z)).all(axis=1))
 
     def describe(self) -> str:
-        """In words, for people."""
+        """Describe the workspace in words."""
         x, y, z = (2e3 * side for side in self.half)
         if self.shape == "cylinder":
             return f"cylinder of {x:g} mm diameter, {y:g} mm along the user's line of sight"
@@ -99,7 +99,7 @@ class Arm(Device):
     effector : EndEffector
         Apparent mass [kg], inertia [kg·m²] and friction [N] at the end effector.
     workspace : ArmWorkspace
-        Where the end effector can be [m].
+        Workspace of the end effector [m].
     stops : ArmStops
         Mechanical stops at its edge.
     encoder : ArmEncoder
@@ -178,7 +178,7 @@ class Arm(Device):
         return WrenchMap(self.matrix, np.zeros(6), self.coils.names)
 
     def check_hand_goals(self, places: Array, what: str) -> None:
-        """Refuse goals of a hand more than 20 mm outside the workspace."""
+        """Reject goals of a hand more than 20 mm outside the workspace."""
         check_distance(places, what)
         inside = self.workspace.contains(places, _BEYOND)
         if not inside.all():
@@ -207,7 +207,7 @@ class Arm(Device):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What should be known of this device though it can be computed with."""
+        """Remarks on inconsistent values of this device, which prevent no computation."""
         return tuple(list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
 
     def _list_facts(self) -> list[tuple[str, str]]:

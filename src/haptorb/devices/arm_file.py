@@ -1,4 +1,4 @@
-"""What the file of a haptic arm may say beside the sections that every device file has."""
+"""Schema of the file of a haptic arm, in addition to the sections of every device file."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ArmWorkspaceSection(Section):
         return self
 
     def build(self) -> ArmWorkspace:
-        """As the device has it."""
+        """Convert to the device's own form."""
         return ArmWorkspace(self.shape, (self.half[0], self.half[1], self.half[2]))
 
 
@@ -127,7 +127,7 @@ class ArmFile(CommonFile):
     kind: Annotated[Literal["arm"], m.Meaning("kind of device")]
     based_on: BasedOn = None
     drop: Drop = ()
-    effector: Annotated[EffectorSection, m.Meaning("what the hand moves: mass and friction")]
+    effector: Annotated[EffectorSection, m.Meaning("apparent mass and friction at the end effector")]
     workspace: Annotated[ArmWorkspaceSection, m.Meaning("where the end effector can be")]
     stops: Annotated[StopsSection, m.Meaning("mechanical stops at the edge of the workspace")]
     encoder: Annotated[EncoderSection, m.Meaning("how the pose is sensed")]

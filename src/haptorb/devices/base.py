@@ -1,4 +1,4 @@
-"""The common part of every device: coils that heat up, a supply, limits, and a wrench map."""
+"""Base class of all devices: coils with heating, supply, limits, and wrench map."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ _MAX_BASES_CHARACTERS = 1_000_000  #: letters of the files that a device is base
 
 @dataclass(frozen=True)
 class Inheritance:
-    """What a variant's file states itself; every other value is that of its base device."""
+    """Keys that a variant's file states itself; all other values are those of its base device."""
 
     base: str
     own: tuple[str, ...]  #: dotted keys
@@ -83,7 +83,7 @@ class DeviceText:
 
     @property
     def inheritance(self) -> Inheritance | None:
-        """What the file states itself, if it is based on another; None if it is whole.
+        """Keys that the file states itself, if it is based on another; None if it is complete.
 
         >>> DeviceText("based_on = 'omni'\\nname = 'a'\\n[tool]\\nlength = '20 mm'").inheritance
         Inheritance(base='omni', own=('tool.length',), dropped=())
@@ -97,7 +97,7 @@ class DeviceText:
         return Inheritance(base, tuple(_list_leaves(raw, "")), dropped)
 
     def as_note(self) -> dict[str, str]:
-        """As a recording notes it."""
+        """Serialise for the metadata of a recording."""
         return {"file": self.own} | ({"bases": json.dumps(dict(self.bases), ensure_ascii=False)} if self.bases else {})
 
     @classmethod
@@ -361,7 +361,7 @@ class WrenchMap:
     names: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Greatest force and torque per ampere over the channels, and what is there at zero current."""
+        """Maximum force and torque per ampere over the channels, and the wrench at zero current."""
         force, torque = (format_quantity(float(part.max(initial=0.0)), unit) for part, unit in self._sizes())
         still = [format_quantity(float(np.linalg.norm(self.passive[i : i + 3])), u) for i, u in ((0, "N"), (3, "N·m"))]
         return (
@@ -412,7 +412,7 @@ class WrenchMap:
 
 
 # --------------------------------------------------------------------------------------------------
-# What differs between kinds of device.
+# Kinds of device, and functions whose implementation depends on the kind.
 #
 # A class of devices names its record (`Device.kind`) and has methods for what belongs to this layer. What higher layers
 # do differently is a `functools.singledispatch` function of theirs on the class of the device: `make_allocator`,
@@ -422,7 +422,7 @@ class WrenchMap:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
-    """One kind of device: its name, and what a run of it begins with.
+    """Kind of device: its name, and the initial state of a run.
 
     Parameters
     ----------
@@ -636,8 +636,8 @@ HANDOVER = 0.02  #: in which the greatest force of a device can fade to zero [s]
 class Limits:
     """Limits that the guard enforces, for the mover as a whole and for every channel."""
 
-    force: float  #: greatest magnitude asked of the device [N]
-    torque: float  #: greatest magnitude asked of the device [N·m]
+    force: float  #: maximum commanded force [N]
+    torque: float  #: maximum commanded torque [N·m]
     slew: float  #: maximum slew rate of a channel's current [A/s]
     expiry: float  #: age at which a command or a pose is worth nothing [s]
     force_rate: float  #: greatest rate of a client's force, and of the force while another world takes over [N/s]
@@ -646,7 +646,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Shell:
-    """The space above a dome in which a tool's magnet can be."""
+    """Space above a dome in which the tool's magnet can move."""
 
     contact_distance: float  #: of the magnet from the dome's centre when a radial tool touches the dome [m]
     thickness: float  #: height above contact up to which forces are rendered [m]
@@ -668,7 +668,7 @@ class Device(Presentable, ABC):
     title : str
         Title in reports.
     source : str
-        Where the values come from.
+        Source of the values.
     coils : Coils
         Resistance [Ω], inductance [H], current limit [A] and heat of each channel.
     supply : Supply
@@ -752,7 +752,7 @@ class Device(Presentable, ABC):
         places : ndarray, shape (n, 3)
             Goals of the hand in the stator frame [m].
         what : str
-            What states them, for the message.
+            Origin of the values, for the message.
 
         Raises
         ------
@@ -768,7 +768,7 @@ class Device(Presentable, ABC):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable, with values and margins.
+        """Buildability checks of this device, with values and margins.
 
         Of any device: that its supply drives about the currents that it is limited to. Peaks in capabilities are those
         that it does drive (`driven_current`).
@@ -827,7 +827,7 @@ class Device(Presentable, ABC):
         return True
 
     def prepare(self, report: Callable[[int, int], None] | None = None) -> None:
-        """Compute what takes long, such as a motor's tables, and keep it; most kinds have nothing to compute.
+        """Compute and cache expensive data, such as a motor's tables; most kinds have none.
 
         Parameters
         ----------
@@ -896,7 +896,7 @@ class Device(Presentable, ABC):
         return f"<{type(self).__name__} {self.name!r}: {parts}>"
 
     def _list_facts(self) -> list[tuple[str, str]]:
-        """What every device has; kinds add theirs."""
+        """Facts common to all devices; kinds add their own."""
         coils, heat, limits = self.coils, self.coils.heat, self.limits
         few = self.channels <= 6
         names = ", ".join(coils.names) if few else f"{coils.names[0]} to {coils.names[-1]}"

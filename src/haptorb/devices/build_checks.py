@@ -1,4 +1,4 @@
-"""What must hold for a device to be buildable: each condition with its value, its limit and its margin."""
+"""Buildability checks of a device: each condition with its value, limit and margin."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CERTAIN = 2.0  #: standard uncertainties within which two statements agree
 
 
 def format_bound(value: float, unit: str) -> str:
-    """`value` as people read it: angles in degrees, shares in per cent.
+    """Format `value`: angles in degrees, shares in per cent.
 
     >>> format_bound(0.0198, "m"), format_bound(np.pi / 6, "rad"), format_bound(0.0357, "1")
     ('19.8 mm', '30°', '3.57 %')
@@ -36,18 +36,18 @@ def format_bound(value: float, unit: str) -> str:
 class BuildCheck:
     """One condition: `value` must be at most (or at least) `limit`, both in `unit`."""
 
-    condition: str  #: what must hold, in a few words; the same for all parts that are alike
-    name: str  #: which part, and what of it is compared
+    condition: str  #: the condition, in a few words; the same for all identical parts
+    name: str  #: the part, and its compared quantity
     value: float
     limit: float
     unit: str
-    remedy: str  #: what to change where it does not hold
+    remedy: str  #: what to change if it does not hold
     at_least: bool = False
-    note: str = ""  #: what the value consists of
+    note: str = ""  #: components of the value
 
     @property
     def margin(self) -> float:
-        """How far the value is on the right side of the limit; negative: it does not hold."""
+        """Margin of the value to the limit; negative: the condition does not hold."""
         return self.value - self.limit if self.at_least else self.limit - self.value
 
     @property
@@ -57,7 +57,7 @@ class BuildCheck:
 
     @property
     def miss(self) -> float:
-        """How far it is from holding, relative to the limit, below 1; 0 if it holds."""
+        """Relative violation of the limit, below 1; 0 if the check holds."""
         short = max(-self.margin, 0.0)
         return 0.0 if self.holds else short / (short + (abs(self.limit) or 1.0))
 
@@ -88,7 +88,7 @@ class BuildError(DeviceError):
 
 
 def refuse_unbuildable(name: str, checks: Iterable[BuildCheck], findings: Iterable[str] = ()) -> None:
-    """Refuse device `name` if a check does not hold, or there are `findings` against it, as sentences.
+    """Reject device `name` if a check fails, or if there are `findings` (sentences).
 
     Raises BuildError, whose message tells how to study the device all the same.
     """

@@ -1,4 +1,4 @@
-"""A device of any number of round coils, an optional soft core, and a tool or plate with magnets in a hand."""
+"""Coil array: any number of round coils, an optional soft core, and a hand-held tool or plate with magnets."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ COIL_ARRAY = DeviceKind(
 
 
 # --------------------------------------------------------------------------------------------------
-# What every coil of an array does to a mover with magnets, per ampere: the real winding on magnets of their true size.
+# Wrench per ampere of every coil of an array on a mover with magnets: thick windings, magnets of their true size.
 #
 # A magnet is modelled by the magnetic charge on its two faces (see `Magnet.charges`), a coil by a table of its
 # winding's field (see `PlacedCoils.tables`): F = Σ q B and T = Σ (x − p) × q B. A magnet close to a winding needs many
@@ -438,7 +438,7 @@ _ABOVE = 10e-3  #: a mover rests this far above contact [m]
 
 @dataclass(frozen=True)
 class Surface:
-    """What the tip touches: a dome about the origin, or a level plate."""
+    """Contact surface of the tip: a dome about the origin, or a level plate."""
 
     dome_radius: float  #: [m]; 0: it is a plate
     height: float  #: of the plate over the origin [m]; of a dome 0
@@ -456,7 +456,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class BuildTolerance:
-    """How far the coils that are built may be from the device file: standard deviations."""
+    """Tolerances of the built coils: standard deviations from the values of the device file."""
 
     position: float = 0.0  #: along each axis [m]
     tilt: float = 0.0  #: about each axis across the coil's own [rad]
@@ -518,7 +518,7 @@ class CoilArray(Device):
 
     @property
     def shell(self) -> Shell | None:
-        """Where the tool can be over a dome; None over a plate."""
+        """Workspace of the tool above a dome; None above a plate."""
         if not self.surface.is_dome:
             return None
         return Shell(self.contact_height, self.surface.thickness, self.tool.moment, self.surface.dome_radius)
@@ -535,12 +535,12 @@ class CoilArray(Device):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What should be known of this device though it can be computed with."""
+        """Remarks on inconsistent values of this device, which prevent no computation."""
         return tuple(list_limit_remarks(self.coils, self.supply, self.limits, *self.greatest_wrench))
 
     @property
     def greatest_wrench(self) -> tuple[float, float]:
-        """Greatest force [N] and torque [N·m] on an upright tool in contact in the middle, all coils at full current.
+        """Maximum force [N] and torque [N·m] on an upright tool in contact at the centre, all coils at full current.
 
         By point dipoles whose parts all add: an upper estimate, for checks of limits only.
         """
@@ -555,7 +555,7 @@ class CoilArray(Device):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable: the wire in each winding, and room for windings and tool."""
+        """Buildability checks of this device: the wire in each winding, and space for windings and tool."""
         return (
             *super().build_checks,
             *self.windings.check_wires(self.coils, self.uncertainty.resistance),
@@ -632,7 +632,7 @@ def place_coils(windings: PlacedCoils) -> list[PlacedSource]:
 
 
 # --------------------------------------------------------------------------------------------------
-# The bodies of a coil array: coils where they are, core, dome, and the tool in contact.
+# The bodies of a coil array: coils, core, dome, and the tool in contact.
 
 
 _SIZES = ("windings", "core.radius", "dome.radius", "plate.height", "tool.magnets", "tool.tip_distance")
@@ -777,7 +777,7 @@ def check_places(device: CoilArray) -> list[BuildCheck]:
 
 
 def _check_tool(device: CoilArray) -> BuildCheck:
-    """How far the magnets' faces and sides are from a winding, a hole taken for free."""
+    """Distance of the magnets' faces and sides from a winding; its hole counts as free space."""
     coils, least, part = device.windings, np.inf, ""
     contact = np.array([0.0, 0.0, device.contact_height])
     for number, magnet in enumerate(device.tool.magnets, 1):

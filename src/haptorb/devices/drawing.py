@@ -1,4 +1,4 @@
-"""A device to scale: its section in a vertical plane, and a view in three dimensions, with a millimetre axis each."""
+"""Scale drawings of a device: a section in a vertical plane, and a 3-D view, each with millimetre axes."""
 
 from __future__ import annotations
 
@@ -167,14 +167,14 @@ def choose_bar(size: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------
-# The section: what the plane cuts, in millimetres, and what lies before or behind it in outline.
+# The section: cut faces in millimetres, and outlines of the bodies in front of and behind the plane.
 
 
 _IN_PLANE_M = 1.5e-3  #: a sensor or mark whose place is this near to the plane counts as in it [m]
 
 
 def draw_section(axes: Any, geometry: Geometry, plane: SectionPlane) -> dict[str, Any]:
-    """Draw `geometry` in `plane` into matplotlib's `axes`; what its signs mean, for a legend."""
+    """Draw `geometry` in `plane` into matplotlib's `axes`; return the entries of a legend."""
     entries: dict[str, Any] = {}
     if geometry.reach is not None:
         entries[f"workspace of the {geometry.reach.name}"] = _draw_reach(axes, geometry.reach)
@@ -411,7 +411,7 @@ def draw_space(axes: Any, geometry: Geometry) -> None:
 
 
 def _draw_dome(axes: Any, radius: float) -> None:
-    """Half a ball as a few circles: what is under it stays visible."""
+    """Draw a hemisphere as a few circles, so that the parts below it stay visible."""
     turn, rise = np.linspace(0.0, 2 * np.pi, 73), np.linspace(0.0, np.pi, 37)
     style = {"color": "0.45", "lw": 0.6}
     for height in np.radians([0.0, 30.0, 60.0]):

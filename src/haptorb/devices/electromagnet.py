@@ -1,4 +1,4 @@
-"""A spherical electromagnet that pushes and pulls a magnet in a tool: Zárate 2020's Omni, and its relatives."""
+"""Spherical electromagnet that attracts and repels a magnet in a tool: Zárate 2020's Omni and variants."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ ELECTROMAGNET = DeviceKind(
 
 
 # --------------------------------------------------------------------------------------------------
-# What should be known of an electromagnet although it can be computed with: values of its file that contradict.
+# Remarks on an electromagnet: inconsistent values of its file, which prevent no computation.
 
 
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
@@ -125,7 +125,7 @@ def list_remarks(
 
 
 # --------------------------------------------------------------------------------------------------
-# What must hold for an electromagnet to be buildable: wire in its section, windings inside each other and the dome.
+# Buildability checks of an electromagnet: wire in its section, nested windings, and the dome.
 
 
 def check_windings(
@@ -298,7 +298,7 @@ class Tool:
 
 @dataclass(frozen=True)
 class Hand:
-    """A hand as a mass on springs and dampers: what it adds to the tool, and how it holds it."""
+    """Hand that holds the tool: added mass, springs and dampers."""
 
     mass: float  #: [kg]
     damping: float  #: [N·s/m]
@@ -426,7 +426,7 @@ class SphericalElectromagnet(Device):
 
     @property
     def shell(self) -> Shell:
-        """Where the tool can be."""
+        """Workspace of the tool."""
         return Shell(self.contact_distance, self.shell_thickness, self.tool.moment, self.dome_radius)
 
     @property
@@ -441,7 +441,7 @@ class SphericalElectromagnet(Device):
 
     @cached_property
     def passive_pull(self) -> PassivePull:
-        """What the core does to the tool's magnet by itself, erratum E18."""
+        """Attraction between the core and the tool's magnet at zero current, erratum E18."""
         tool = self.tool
         return _make_pull(
             core_radius=self.core_radius,
@@ -467,7 +467,7 @@ class SphericalElectromagnet(Device):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable."""
+        """Buildability checks of this device."""
         tool, coils = self.tool, self.coils
         # a leaning tool's magnet touches the dome with the rim of its lower face
         lean = float(np.arctan2(tool.tip_distance - tool.length / 2, tool.outer_radius))
@@ -542,7 +542,7 @@ class SphericalElectromagnet(Device):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What should be known of this device though it can be computed with."""
+        """Remarks on inconsistent values of this device, which prevent no computation."""
         predicted = self.predict_moments()
         moments = list_remarks(self.coils, predicted, self.moment_per_current, self.moments_from, self.moments_at)
         points = () if self.has_sizes else (COILS_AS_POINTS,)
@@ -550,7 +550,7 @@ class SphericalElectromagnet(Device):
 
     @property
     def greatest_wrench(self) -> tuple[float, float]:
-        """Greatest force [N] and torque [N·m] on a radial tool that touches the summit, all coils at full current.
+        """Maximum force [N] and torque [N·m] on a radial tool in contact at the summit, all coils at full current.
 
         By the published model, which takes coils and tool for dipoles.
         """
@@ -585,7 +585,7 @@ class SphericalElectromagnet(Device):
         return WrenchMap(matrix, passive, self.coils.names)
 
     def coil_fields(self, points: Array) -> Array:
-        """(n, 3, m) [T/A] of each coil with the core's answer, at `points` (n, 3) [m] outside the core.
+        """(n, 3, m) [T/A] field of each coil with the core's response, at `points` (n, 3) [m] outside the core.
 
         Of coils whose sizes are known at their true size, else of point dipoles.
         """
@@ -635,7 +635,7 @@ class SphericalElectromagnet(Device):
 
     @cached_property
     def wound_ring(self) -> tuple[Array, Array, float, Array, float, float, Array, Array]:
-        """The tool's magnet, what the core does to it, and the coils, as `wound_per_ampere` takes them."""
+        """The tool's magnet, the core's attraction, and the coils, as `wound_per_ampere` takes them."""
         tool, pulls = self.tool, self.passive_pull
         size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
         rows = ChargedRing(*size, radial=2, azimuth=6).rows  # right to 1e-4 of the force in contact
@@ -643,7 +643,7 @@ class SphericalElectromagnet(Device):
 
     @cached_property
     def _ring(self) -> tuple[Array, Array, float, Array]:
-        """The tool's magnet and what the core does to it, as kernels take them."""
+        """The tool's magnet and the core's attraction, as kernels take them."""
         tool, core = self.tool, self.passive_pull
         rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
         per_current = np.array(self.moment_per_current, dtype=np.float64, order="C")
@@ -760,7 +760,7 @@ _ROUNDS, _MEET = 100, 1e-9  #: of the search for the weakest direction: at the m
 
 @dataclass(frozen=True)
 class FeasibleWrench:
-    """What can be given at one pose, stator frame.
+    """Feasible forces and torques at one pose, stator frame.
 
     currents          (n, 3) [A] the corners of what currents there can be: eight where the supply gives them all
     force             (n, 3) [N] the force at each of them, core's pull included: the polytope's corners
@@ -905,7 +905,7 @@ def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a spherical electromagnet can do over its shell: peak and continuous force, endurance, and its model's error.
+# Performance of a spherical electromagnet over its shell: peak and continuous force, endurance, and model error.
 #
 # Coils that warm each other last less. A continuous force is stated with one coil warm, where each coil carries what it
 # stands alone, and with all coils warm, where each carries what it stands while all carry as much.
@@ -1038,7 +1038,7 @@ def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -
 
 
 def _greatest(device: SphericalElectromagnet, amperes: Array, watts: float, most: Array) -> Array:
-    """(k,) the greatest force [N] within each row of `most` (k, m) [A] and the supply, where one newton takes at most
+    """(k,) the maximum force [N] within each row of `most` (k, m) [A] and the supply, where one newton takes at most
     `amperes` (m,) in each coil and `watts` in all."""
     within: Array = (most / np.maximum(amperes, 1e-30)).min(axis=1)
     supplied = np.sqrt(device.supply.power / watts)
@@ -1046,7 +1046,7 @@ def _greatest(device: SphericalElectromagnet, amperes: Array, watts: float, most
 
 
 # --------------------------------------------------------------------------------------------------
-# The door to a spherical electromagnet, for programs that work for no other kind.
+# Type-narrowing helper, for programs that support spherical electromagnets only.
 
 
 def electromagnet(device: Device | str | Path, what: str = "this function") -> SphericalElectromagnet:

@@ -1,4 +1,4 @@
-"""What the file of a spherical electromagnet may say beside the sections that every device file has."""
+"""Schema of the file of a spherical electromagnet, in addition to the sections of every device file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What coils around a soft core do to the tool: as two point dipoles, as a dipole and a ring, or at their true size.
+"""Wrench of coils around a soft core on the tool: two point dipoles, a dipole and a ring, or true sizes.
 
 All answer with a map (6, m): force and torque about the magnet's centre per ampere, and what the core does by itself.
 """
@@ -39,7 +39,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What the soft core does to the tool by itself: the pull of a sphere on a round magnet, as one scalar energy.
+# Attraction between the soft core and the tool: a sphere and a round magnet, as one scalar energy.
 #
 # The core answers the tool's magnet (physics/soft_sphere) with currents on or off. By symmetry the energy W of that
 # depends on the distance d and the tilt τ between the magnet's axis and the radius only, and not on the magnet's
@@ -314,7 +314,7 @@ def ring_per_ampere(
 
 
 # --------------------------------------------------------------------------------------------------
-# What the soft core makes of a changing current: eddy currents that delay its moment, and remanence that stays.
+# Response of the soft core to changing currents: eddy currents that delay its moment, and remanence.
 #
 # The core answers the coils with a share of the whole moment. Eddy currents in it delay a part of that answer; for a
 # sphere of conductivity σ and relative permeability µ in a uniform field the exact answer is
@@ -327,7 +327,7 @@ def ring_per_ampere(
 
 @dataclass(frozen=True)
 class CoreDynamics:
-    """A lag and a hysteresis, alike along all axes; all zero: the core follows the currents at once and forgets them.
+    """Lag and hysteresis of the core, isotropic; all zero: the core follows the currents without delay or remanence.
 
     `spread` is the relative standard deviation, from device to device, of share, time and remanent moment.
     """
@@ -443,7 +443,7 @@ def fit_eddy_lag(
 
 
 # --------------------------------------------------------------------------------------------------
-# Coils around a soft core, from their sizes: what an ampere makes before anybody has calibrated it.
+# Coils around a soft core, from their sizes: moments per ampere before any calibration.
 
 
 _ZONAL = 76  #: terms of `WoundCoils` at the most
@@ -454,7 +454,7 @@ _LEFT_OUT = 1e-4  #: relative, of the terms that are left out where the magnet c
 
 
 class WoundCoils(NamedTuple):
-    """Coils with the core's answer to them, outside of all of them, as kernels take them."""
+    """Coils with the core's response, valid outside all windings, as kernels take them."""
 
     terms: Array  #: (m, k) [T·m/A] strengths of the odd zonal harmonics of each coil, lengths in units of `reach`
     reach: float  #: of the farthest winding, or the core [m]

@@ -1,4 +1,4 @@
-"""Field sensors on a stator: where they are, and how finely they read."""
+"""Field sensors on a stator: positions, resolution and errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["FieldSensors", "SensorCorrection", "SensorErrors", "SensorSpecimen",
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Standard deviations of what differs from sensor to sensor; noise and step of a reading are alike for all.
+    """Standard deviations of the lasting errors of each sensor; noise and step of a reading are the same for all.
 
     All errors are independent, normal and of mean zero: one draw per axis, per pair of axes for `cross`, and per
     coordinate for `placement` and `angle`. A sensor that reads the true field B at its place gives
@@ -90,7 +90,7 @@ def draw_sensors(errors: SensorErrors, count: int, specimen: int = 0) -> SensorS
 
 @dataclass(frozen=True)
 class SensorCorrection:
-    """What a calibration found of the k field sensors of one device: field = gain (reading − offset − per_ampere i).
+    """Calibration of the k field sensors of one device: field = gain (reading − offset − per_ampere i).
 
     gain         (k, 3, 3) field per reading: gain, cross-axis and rotation together
     offset       (k, 3) reading without currents and without a tool [T]
@@ -116,11 +116,11 @@ class FieldSensors:
     errors: SensorErrors = dataclass_field(default_factory=SensorErrors)  #: how the sensors differ from ideal ones
     warming: float = 0.0  #: their temperature rise as a share of the coils' rise at the boundary
     range: float | None = None  #: greatest field that an axis can read [T]; None: that of 16 bits of `step`
-    correction: SensorCorrection | None = None  #: what a calibration found; `positions` are then the calibrated ones
+    correction: SensorCorrection | None = None  #: result of a calibration; `positions` are then the calibrated ones
 
     @property
     def greatest_reading(self) -> float:
-        """Greatest reading of an axis [T]: `range`, or that of a 16-bit converter, or inf for an ideal one."""
+        """Maximum reading of an axis [T]: `range`, or that of a 16-bit converter, or inf for an ideal one."""
         if self.range is not None:
             return self.range
         return 32767 * self.step if self.step > 0 else np.inf

@@ -1,4 +1,4 @@
-"""The parts of a device as bodies in space, for every drawing of it, on paper or in the console."""
+"""Geometry of a device: bodies with size and position, for drawings and the console."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a device file to a Device: found in the catalogue or by path, checked as a whole, with all mistakes reported."""
+"""Loads a Device from a device file of the catalogue or a path; all mistakes are reported together."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ Temperature = Annotated[
 @final
 @dataclass(frozen=True)
 class MagnetUse:
-    """What a device file says of a magnet's grade and temperature."""
+    """Grade and temperature of a magnet, as stated in the device file."""
 
     letters: str | None = None  #: None: the strongest series with its remanence
     greatest_temperature: float | None = None  #: [K]; None: the windings' stop temperature

@@ -1,4 +1,4 @@
-"""A ball-joint-like spherical motor: magnets around coils around one centre, as in Bai 2012, and its relatives."""
+"""Spherical motor with a ball joint: magnets and coils around one centre, as in Bai 2012, and variants."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ MOTOR = DeviceKind(
 
 
 # --------------------------------------------------------------------------------------------------
-# What surrounds a motor's rotor: the hand on its handle, and the stop at its edge.
+# Surroundings of a motor's rotor: the hand on its handle, and the stop at its edge.
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ class SphericalMotor(Device):
 
     @cached_property
     def sensor_field_per_ampere(self) -> Array:
-        """(m, 3 sensors) what one ampere in each channel adds to every sensor's reading [T/A], stator frame."""
+        """(m, 3 sensors) field of one ampere in each channel at every sensor [T/A], stator frame."""
         places = self.sensor_layout.positions
         return np.stack([self.coil_field(places, one).ravel() for one in np.eye(self.channels)])
 
@@ -288,7 +288,7 @@ class SphericalMotor(Device):
 
     @property
     def build_checks(self) -> tuple[BuildCheck, ...]:
-        """What must hold for this device to be buildable: wire in its section, and parts that nothing stops."""
+        """Buildability checks of this device: wire in its section, and parts that move without collision."""
         coil, coils = self.electromagnet, self.coils
         in_series = float(np.abs(self.groups).sum(axis=0)[0])
         copper = wire_diameter(coil, float(coils.resistance[0]) / in_series, coils.copper_resistivity)
@@ -304,7 +304,7 @@ class SphericalMotor(Device):
 
     @cached_property
     def greatest_torque(self) -> float:
-        """Greatest torque about one of the stator's axes, all channels at full current [N·m], by the dipole model.
+        """Maximum torque about one of the stator's axes, all channels at full current [N·m], by the dipole model.
 
         Within the workspace; the dipole model is good for a comparison of sizes only.
         """
@@ -316,7 +316,7 @@ class SphericalMotor(Device):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What should be known of this device though it can be computed with; the bearing carries every force."""
+        """Remarks on inconsistent values of this device, which prevent no computation."""
         if self.findings:
             return ()  # a motor whose coils cancel has no torque to compare with
         return tuple(list_limit_remarks(self.coils, self.supply, self.limits, 0.0, self.greatest_torque))
@@ -336,7 +336,7 @@ class SphericalMotor(Device):
 
     @property
     def weight_torque(self) -> float:
-        """What the rotor's weight does over sin(tilt) [N·m]: (h ẑ_R) × (−m g Ẑ); positive where it tips the rotor."""
+        """Torque of the rotor's weight over sin(tilt) [N·m]: (h ẑ_R) × (−m g Ẑ); positive where it tips the rotor."""
         return self.rotor.mass * GRAVITY * self.rotor.centre_of_mass
 
     @cached_property
@@ -502,7 +502,7 @@ def grouping(groups: Sequence[Sequence[int]], count: int, winding: str) -> tuple
 
 
 # --------------------------------------------------------------------------------------------------
-# What can be wrong with the wiring of a ball-joint motor although every value in its file is well-formed.
+# Wiring errors of a spherical motor that no single value of its file reveals.
 #
 # Findings are sentences: groups that name coils wrongly, pairs that do not face each other, and groups wired so that
 # the motor cannot turn about every axis.
@@ -573,7 +573,7 @@ def _list_rings(name: str, layout: Layout, body: RoundBody, tilt: float) -> list
 
 
 def check_places(motor: SphericalMotor) -> list[BuildCheck]:
-    """Whether the parts of `motor` have room beside each other, and what moves is free at every tilt, both together."""
+    """Check that the parts of `motor` do not overlap, and that the rotor moves without collision at every tilt."""
     coil, magnet, tilt = motor.electromagnet, motor.magnet, motor.workspace_tilt
     coil_body = RoundBody.of_length(motor.electromagnets.distance, float(coil.length), 0.0, float(coil.outer_radius))
     magnet_body = RoundBody.of_length(motor.magnets.distance, magnet.length, 0.0, magnet.radius)

@@ -1,4 +1,4 @@
-"""What the file of a spherical motor may say, and the device that it builds."""
+"""Schema of the file of a spherical motor, and construction of the device from it."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What a spherical motor's file says of its magnets, coils and field sensors: parts on rings around one centre.
+# Magnets, coils and field sensors in a spherical motor's file: parts on rings around one centre.
 
 
 Share = Annotated[q.Number, Field(gt=0, le=1)]
@@ -243,7 +243,7 @@ def layout(distance: float, rings: Rings) -> Layout:
 
 
 # --------------------------------------------------------------------------------------------------
-# What a spherical motor's file says of the rotor: its body, what holds it up, who holds it, and where it stops.
+# The rotor in a spherical motor's file: body, support, hand and stop.
 
 
 class WorkspaceSection(Section):
@@ -324,7 +324,7 @@ class RegulatorSection(Section):
 
 
 class ChannelsSection(Section):
-    """[coils]: what an electrician sees of a channel, all alike."""
+    """[coils]: electrical data of a channel, the same for all."""
 
     current_limit: Annotated[
         q.Current | None,
@@ -348,7 +348,7 @@ class MotorFile(Section):
     kind: Annotated[Literal["spherical-motor"], m.Meaning("kind of device")]
     name: Annotated[Name, m.Meaning("short name of the device; recordings and calibrations refer to it")]
     title: Annotated[Text, m.Meaning("title of the device")]
-    source: Annotated[Text, m.Meaning("where the values come from")]
+    source: Annotated[Text, m.Meaning("source of the values")]
     based_on: BasedOn = None
     drop: Drop = ()
     magnets: Annotated[MagnetsSection, m.Meaning("the rotor's magnets")]

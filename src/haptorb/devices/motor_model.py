@@ -198,7 +198,7 @@ def _pole_torque(rotor: Array, charge: Array, stator: Array, strength: Array, ou
 
 
 # --------------------------------------------------------------------------------------------------
-# Where the round parts of a spherical motor sit: directions from its centre, in rings of equal latitude.
+# Layout of the round parts of a spherical motor: directions from its centre, in rings of equal latitude.
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +254,7 @@ class Layout:
 
     @property
     def frames(self) -> Array:
-        """(k, 3, 3) what turns a part's own vectors (its axis +z) into those of the layout's frame."""
+        """(k, 3, 3) rotation from a part's own frame (its axis +z) to the layout's frame."""
         return spherical_frames(self.directions)
 
 
@@ -307,7 +307,7 @@ class MotorParts(Protocol):
 
     @property
     def magnets(self) -> Layout:
-        """Where the magnets are, in the rotor's frame."""
+        """Positions of the magnets, rotor frame."""
 
     @property
     def polarity(self) -> Array:
@@ -319,7 +319,7 @@ class MotorParts(Protocol):
 
     @property
     def electromagnets(self) -> Layout:
-        """Where the coils are, in the stator's frame."""
+        """Positions of the coils, stator frame."""
 
     @property
     def electromagnet(self) -> Coil:
@@ -327,7 +327,7 @@ class MotorParts(Protocol):
 
     @property
     def sensor_layout(self) -> Layout:
-        """Where the field sensors are, in the stator's frame."""
+        """Positions of the field sensors, stator frame."""
 
     @property
     def magnet_model(self) -> MultipoleSource | None:

@@ -1,4 +1,4 @@
-"""Values with units, as device files write them: read, checked for dimension, turned into SI.
+"""Values with units in device files: parsing, check of the dimension, conversion to SI.
 
 A value is `"67.9 mm"`, a list of such, or a table `{ value = …, unit = "…", source = "…" }` or `{ value = …, assumed =
 "why" }`; `unit` spares writing it in every element of an array.
@@ -170,7 +170,7 @@ def _is_unit(name: str) -> bool:
 
 @dataclass(frozen=True)
 class QuantityKind(BeforeValidator):
-    """What a value of a device file is: its SI `unit`, and `kind` as sentences say it, "a length"."""
+    """Kind of value in a device file: its SI `unit`, and `kind` as used in sentences, "a length"."""
 
     unit: str = ""
     kind: str = ""

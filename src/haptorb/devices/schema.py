@@ -1,4 +1,4 @@
-"""What every device file may say, section by section; each kind of device adds its own sections to these."""
+"""Schema of the sections of every device file; each kind of device adds its own sections."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What stands beside each key of a file, for the reference and for messages: meaning, unit, range and default.
+# Annotations of each key of a file, for the reference and for messages: meaning, unit, range and default.
 #
 # A key's annotation carries these marks next to its type and bounds; pydantic passes over them.
 #
@@ -70,14 +70,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a key is, in a few words without a full stop."""
+    """Meaning of a key, in a few words without a full stop."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Form:
-    """What a value may be, where its type and bounds do not say it in words that people use."""
+    """Permitted values in words, where type and bounds are not readable enough."""
 
     text: str
 
@@ -91,7 +91,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Without:
-    """What holds where the key is left out, instead of a default value."""
+    """Effect of omitting the key, instead of a default value."""
 
     text: str
 
@@ -237,7 +237,7 @@ class HeatSection(Section):
         return self
 
     def build(self, *, computed: bool = False) -> Heat:
-        """As the device has it; what is `computed` later is NaN until then. ValueError for what is missing."""
+        """Convert to the device's own form; values `computed` later are NaN. ValueError if one is missing."""
         _require("coils.heat", self, ("winding_capacity",), computed=computed)
         return Heat(**{**self.model_dump(), "winding_capacity": self.winding_capacity or np.nan})
 
@@ -287,7 +287,7 @@ class CoilsSection(Section):
         return self
 
     def build(self, *, computed: bool = False) -> Coils:
-        """As the device has it; what is `computed` later is NaN until then. ValueError for what is missing."""
+        """Convert to the device's own form; values `computed` later are NaN. ValueError if one is missing."""
         _require("coils", self, ("resistance", "inductance"), computed=computed)
         unknown = (np.nan,) * len(self.names)
         return Coils(
@@ -375,7 +375,7 @@ class ThermometerSection(Section):
 
 
 class CommonFile(Section):
-    """Schema of what every device file has; the base class of the schema of a kind of device (pydantic).
+    """Schema of the sections of every device file; base class of the schema of a kind of device (pydantic).
 
     A subclass adds a section for each table of its file, and `build`, which returns the device and reports all mistakes
     at once.
@@ -383,7 +383,7 @@ class CommonFile(Section):
 
     name: Annotated[Name, Meaning("short name of the device; recordings and calibrations refer to it")]
     title: Annotated[Text, Meaning("title of the device")]
-    source: Annotated[Text, Meaning("where the values come from")]
+    source: Annotated[Text, Meaning("source of the values")]
     coils: Annotated[CoilsSection, Meaning("electrical data of the coils")]
     supply: Annotated[SupplySection, Meaning("supply of the coils")]
     limits: Annotated[LimitsSection, Meaning("limits that the guard enforces")]
@@ -534,7 +534,7 @@ def _span(marks: list[Any]) -> str:
 
 
 # --------------------------------------------------------------------------------------------------
-# pydantic's errors as sentences: where, what was expected in the file's own words and units, and what was got.
+# pydantic's errors as sentences: location, expected value in the file's own units, and actual value.
 
 
 _BOUNDS = {
@@ -647,7 +647,7 @@ _COILS_OFF = 0.1  #: after which a board's watchdog has switched off at the late
 
 
 def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: float, torque: float) -> list[str]:
-    """What is refused, as sentences. force, torque: the greatest that the coils give at full current [N, N·m]; 0 where
+    """Rejected limits, as sentences. force, torque: the greatest that the coils give at full current [N, N·m]; 0 where
     they give none that a limit could hold."""
     found = []
     for key, unit, limit, most in _wrenches(limits, force, torque):
@@ -685,7 +685,7 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
 
 
 def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: float, torque: float) -> list[str]:
-    """What is only remarked, as sentences; arguments as of `list_limit_mistakes`."""
+    """Remarks on limits, as sentences; arguments as of `list_limit_mistakes`."""
     found = [
         f"limits.{key} is {limit:g} {unit}, {limit / most:.0f} times what the coils give at full current "
         f"({most:.2g} {unit}): it limits nothing"
@@ -702,7 +702,7 @@ def list_limit_remarks(coils: Coils, supply: Supply, limits: Limits, force: floa
 
 
 def _greatest_power(coils: Coils, supply: Supply) -> float:
-    """What the coil that takes most takes alone, cold [W]."""
+    """Maximum power of any single coil, cold [W]."""
     current = np.minimum(coils.current_limit, supply.voltage / coils.resistance)
     return float((current**2 * coils.resistance).max())
 
@@ -761,7 +761,7 @@ class FieldSensorsSection(SensorQualitySection):
 
 
 # --------------------------------------------------------------------------------------------------
-# What a device file may say of the heat of all coils together: how they warm each other, and how sure that is.
+# Thermal data of all coils together in a device file: thermal coupling, and its uncertainty.
 
 
 _FASTEST = 40.0  #: rate of a coupling that the guard's thermal model can follow [1/s]

@@ -1,4 +1,4 @@
-"""Pair tables kept on disk, named after what they were made from.
+"""Cache of pair tables on disk, named by a hash of their inputs.
 
 A table's name is a hash of the bodies, distances and precision and of the code that computes them, so a changed magnet
 or a changed formula never meets an old table. A file is one line of JSON (name, shape, scale, bound, hash of the

@@ -1,4 +1,4 @@
-"""One magnet with one coil, or with one sensor, as functions of a single angle: tabulated from the exact model.
+"""Tables of torque and field of one magnet with one coil or sensor over a single angle, from the exact model.
 
 Where magnets and coils are bodies of revolution and every axis, the sensors' too, goes through the device's centre,
 symmetry leaves three functions of one cosine: the torque of a magnet with axis u and a coil with axis c, per ampere,

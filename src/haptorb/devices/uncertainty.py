@@ -1,4 +1,4 @@
-"""Standard uncertainties that every kind of device has: of what turns a wanted current into a force.
+"""Standard uncertainties common to all kinds of device, from commanded current to force.
 
 The classes are the sections of the device file and what a device carries: `ToolUncertainty()` has the defaults. Values
 are standard uncertainties in the sense of the GUM (JCGM 100): one standard deviation of the value's distribution.
@@ -108,13 +108,13 @@ class ToolUncertainty(ChainUncertainty):
 
 
 # --------------------------------------------------------------------------------------------------
-# How a spherical electromagnet may be built: [tolerance] of its file.
+# Manufacturing tolerances of a spherical electromagnet: [tolerance] of its file.
 
 
 class ElectromagnetTolerance(Section):
     """[tolerance] of a spherical electromagnet; `ElectromagnetTolerance()` has the defaults.
 
-    Standard deviations; what is built lies within √3 of them, everything there alike likely.
+    Standard deviations; the built device is uniformly distributed within √3 of them.
 
     >>> ElectromagnetTolerance().position
     0.00017
@@ -157,10 +157,7 @@ class ElectromagnetTolerance(Section):
     ]
     core_permeability: Annotated[
         tuple[q.Number, q.Number],
-        m.Meaning(
-            "least and greatest relative permeability that the core can have, all between them alike likely by "
-            "their logarithm"
-        ),
+        m.Meaning("minimum and maximum relative permeability of the core, uniformly distributed in their logarithm"),
         m.Form("above 1, least first"),
         m.Without("200 and 5000"),
         Field(default=(200.0, 5000.0)),
@@ -180,13 +177,13 @@ class ElectromagnetTolerance(Section):
 
 
 # --------------------------------------------------------------------------------------------------
-# How a spherical motor may be built: [tolerance] of its file.
+# Manufacturing tolerances of a spherical motor: [tolerance] of its file.
 
 
 class MotorTolerance(Section):
     """[tolerance] of a spherical motor; `MotorTolerance()` has the defaults.
 
-    Standard deviations; what is built lies within √3 of them, everything there alike likely.
+    Standard deviations; the built device is uniformly distributed within √3 of them.
 
     >>> MotorTolerance().position
     0.00017
@@ -269,7 +266,7 @@ class MotorUncertainty(ChainUncertainty):
 
 
 # --------------------------------------------------------------------------------------------------
-# Standard uncertainties of a coil array: [uncertainty] of its file. How its coils are built is in [tolerance].
+# Standard uncertainties of a coil array: [uncertainty] of its file. Tolerances of its coils are in [tolerance].
 
 
 class ArrayUncertainty(ChainUncertainty):

@@ -1,4 +1,4 @@
-"""The units of device files without pint: names, prefixes and powers, with exact factors to SI.
+"""Units of device files without pint: names, prefixes and powers, with exact factors to SI.
 
 pint knows every unit and takes half a second to load. The few that device files use are here; whatever else a
 file says, and every mistake, is pint's to judge (`quantity.si`). Sources: the SI brochure (BIPM 2019); the inch is
@@ -36,8 +36,8 @@ __all__ = [
 # --------------------------------------------------------------------------------------------------
 # Units of magnetics and workshops that pint takes for something else, or does not convert to SI.
 #
-# In air B = μ0 H, and of a magnet J = μ0 M: so where a flux density or polarization is wanted, a field strength H or a
-# magnetization M is one too. Sources: Jackson, Classical Electrodynamics, appendix (Gaussian units); a mil is a
+# In air B = μ0 H, and of a magnet J = μ0 M: so where a flux density or polarization is required, a field strength H or
+# a magnetization M is one too. Sources: Jackson, Classical Electrodynamics, appendix (Gaussian units); a mil is a
 # thousandth of an inch. pint takes "mil" for an angle, "Gs" for a gigasecond, "Nm" for the fineness of a yarn and "gr"
 # for a grain; gauss and oersted it does not convert to tesla.
 
@@ -67,7 +67,7 @@ FIELD: dict[str, tuple[Fraction, tuple[int, int, int, int, int]]] = {
     "Ohms": (Fraction(1), (2, 1, -3, -2, 0)),
 }
 
-#: field strength or magnetization, where a flux density is wanted
+#: field strength or magnetization, where a flux density is required
 MAGNETIC = (_STRENGTH, _DENSITY)
 VACUUM = 4 * Fraction(math.pi) / 10**7  #: μ0 [T·m/A], as `magnetics.dipole` has it
 
@@ -206,7 +206,7 @@ def _scale(text: str) -> tuple[Fraction, Dimension] | None:
 def convert(number: float, text: str, unit: str) -> float | None:
     """Convert `number` from unit `text` to `unit`; None if only pint can decide: another unit, or an error.
 
-    A field strength or magnetization, where a flux density is wanted, is multiplied by μ0.
+    A field strength or magnetization, where a flux density is required, is multiplied by μ0.
 
     >>> convert(67.9, "mm", "m")
     0.0679
@@ -229,7 +229,7 @@ def convert(number: float, text: str, unit: str) -> float | None:
 
 
 # --------------------------------------------------------------------------------------------------
-# What to say of a unit that cannot be used: which name in it is unknown, what is near, and what is usual.
+# Messages about invalid units: the unknown name, the nearest known one, and the usual units.
 
 
 #: SI unit → what the field writes, the most usual first
@@ -271,7 +271,7 @@ _LONG = ("meter", "metre", "gram", "second", "ampere", "volt", "tesla", "gauss",
 
 
 def usual_units(unit: str) -> tuple[str, ...]:
-    """What the field writes where SI `unit` is wanted, the most usual first; none for a plain number.
+    """Usual units where SI `unit` is required, the most common first; none for a plain number.
 
     >>> usual_units("m")[:2]
     ('mm', 'cm')
@@ -280,7 +280,7 @@ def usual_units(unit: str) -> tuple[str, ...]:
 
 
 def explain_unit(text: str, unit: str, is_unit: Callable[[str], bool]) -> str:
-    """What is wrong with the unit `text` where SI `unit` is wanted, as the end of a message; empty without a unit.
+    """Explain why the unit `text` is invalid for SI `unit`, as the end of a message; empty without a unit.
 
     is_unit: whether a single name is a unit that pint knows.
 
