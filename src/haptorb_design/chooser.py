@@ -118,7 +118,7 @@ class Selection:
             self._servo, self._state, self._url, self._text = None, "refused", "", text
 
     def set_ended(self) -> None:
-        """The device ends: nothing is left to stop."""
+        """Record that the device has ended."""
         with self._lock:
             self._servo = None
 

@@ -80,8 +80,8 @@ def evaluate(design: Design, number: int, values: Mapping[str, Value]) -> Evalua
 
 @lru_cache(maxsize=1)
 def _find_pools(modules: int) -> ThreadpoolController:
-    """The libraries of this process with threads of their own. To look for them takes milliseconds: they are looked for
-    again where another number of `modules` is loaded."""
+    """Find the libraries of this process that use threads of their own. The search takes milliseconds; it is repeated
+    when the number of loaded `modules` changes."""
     return ThreadpoolController()
 
 

@@ -1,4 +1,4 @@
-"""What can be computed of a candidate: the quantities that design files name as objectives and constraints."""
+"""Quantities of a candidate for the objectives and constraints of design files."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The list of quantities by name, and how a module adds its own to it.
+# Registry of the quantities by name.
 
 
 Compute = Callable[[DesignCandidate], float]
 
 
 def describe(name: str, unit: str, sense: Sense, text: str, by_kind: Mapping[str, Compute]) -> DesignQuantity:
-    """A quantity that each kind of device computes in its own way; InputError for a device of another kind."""
+    """Quantity with an implementation for each kind of device; InputError for a device of another kind."""
     kinds = tuple(by_kind)
 
     def compute(candidate: DesignCandidate) -> float:
@@ -95,7 +95,7 @@ def describe(name: str, unit: str, sense: Sense, text: str, by_kind: Mapping[str
 
 
 def option(candidate: DesignCandidate, name: str, default: float) -> float:
-    """The number `name` of the design file's table [evaluation]; InputError for what is no positive number."""
+    """The number `name` of the design file's table [evaluation]; InputError unless it is a positive number."""
     value = candidate.options.get(name, default)
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
         raise InputError(f"evaluation.{name} must be a positive number in SI units; got {value!r}")
@@ -116,13 +116,13 @@ def option(candidate: DesignCandidate, name: str, default: float) -> float:
 Part = Literal["force", "torque"]  #: of a wrench
 
 _ARRAY_FORCE_PLACES = 40
-_RIM = 12  #: places on the rim of a dome's workspace, where arrays are weakest
-_AROUND = 60  #: directions that are tried at every place, on a half of the sphere
-_ARRAY_FORCE_ROUNDS = 5  #: of the search downhill
+_RIM = 12  #: positions on the rim of a dome's workspace, where arrays are weakest
+_AROUND = 60  #: sampled directions at every position, on a hemisphere
+_ARRAY_FORCE_ROUNDS = 5  #: of the local search
 
 
 def array_of(candidate: DesignCandidate) -> CoilArray:
-    """The candidate's device; InputError if it is no coil array."""
+    """The candidate's device; InputError if it is not a coil array."""
     return require(candidate.device, CoilArray, "this quantity")
 
 
@@ -153,7 +153,7 @@ def _array_force_maps(candidate: DesignCandidate) -> tuple[Array, Array]:
 
 
 def _find_map(candidate: DesignCandidate, part: Part) -> Array:
-    """(n, 3, m) of force or torque; InputError for the torque of a tool that has none about one axis."""
+    """(n, 3, m) of force or torque; InputError for the torque of a tool that has no torque about one axis."""
     if part == "torque" and len(array_of(candidate).tool.magnets) == 1:
         raise InputError("a tool with one magnet has no torque about the magnet's axis: give it a second one")
     K = _array_force_maps(candidate)[0]
@@ -179,7 +179,7 @@ def find_heat(candidate: DesignCandidate, part: Part = "force") -> float:
 
 
 def find_peak(candidate: DesignCandidate, part: Part = "force") -> float:
-    """[N] at full current, as far as the supply gives it."""
+    """[N] at full current, within the supply's power."""
     return _array_force_ball(candidate, array_of(candidate).driven_current, part)
 
 
@@ -190,14 +190,14 @@ def find_continuous(candidate: DesignCandidate, part: Part = "force") -> float:
 
 
 def find_isotropy(candidate: DesignCandidate, part: Part = "force") -> float:
-    """Smallest over greatest force per ampere by direction, at the worst place; 0 with fewer than three coils."""
+    """Ratio of minimum to maximum force per ampere over directions, worst position; 0 with fewer than three coils."""
     K = _find_map(candidate, part)
     values = np.linalg.svd(K, compute_uv=False)
     return float((values[:, 2] / values[:, 0]).min()) if K.shape[2] >= 3 else 0.0
 
 
 def find_pull(candidate: DesignCandidate) -> float:
-    """[N] greatest force without current; 0 without a core."""
+    """[N] maximum force without current; 0 without a core."""
     return float(np.linalg.norm(_array_force_maps(candidate)[1][:, :3], axis=1).max())
 
 
@@ -260,10 +260,11 @@ def greatest_force(per_ampere: Array, limit: Array, resistance: Array, power: fl
 
 
 # --------------------------------------------------------------------------------------------------
-# The worst orientation of a motor's workspace: an even sample, and a search downhill from its worst points.
+# Worst orientation in a motor's workspace: an even sample, and a local search from its worst points.
 #
-# A spherical motor is weak in narrow valleys between its poles; a grid of a few thousand orientations still misses 20 %
-# of the worst heat. Here a few hundred find the valleys, and steps along the three angles go to their bottoms.
+# The torque of a spherical motor has narrow minima between its poles; a grid of a few thousand orientations still
+# misses 20 % of the worst heat. A few hundred samples find the regions of the minima, and steps along the three angles
+# converge to them.
 
 
 _STARTS = 12  #: worst points of the sample from which the search continues
@@ -275,7 +276,7 @@ _STEPS = np.array([[i, j, k] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)
 def spread_angles(tilt: float, count: int) -> Array:
     """(count, 3) angles ψ, λ, φ [rad] that fill the workspace |ψ|, |λ| ≤ `tilt`, 0 ≤ φ < 2π evenly, edges included.
 
-    Kronecker's sequence of the plastic number's kin (Roberts 2018): even for every count, and always the same. ψ and λ
+    Kronecker's sequence of the generalised golden ratio (Roberts 2018): even for every count, deterministic. ψ and λ
     are scaled by 1.2 and cut at the edge, where motors are weakest.
     """
     root = 1.2207440846057596  # x⁴ = x + 1
@@ -289,8 +290,8 @@ def spread_angles(tilt: float, count: int) -> Array:
 def find_worst(value: Callable[[Array], Array], tilt: float, count: int) -> tuple[float, Array]:
     """Least of `value`, (n, 3, 3) rotations → (n,), over the workspace, and the angles (3,) ψ, λ, φ [rad] of it.
 
-    `count` orientations are looked at first, and about three times 12 × 27 more on the way to the bottom. The search is
-    local: it finds the bottom of every valley that the sample's 12 worst points lie in.
+    `count` orientations are sampled first, and about three times 12 × 27 more in the local search, which converges to
+    the local minima near the sample's 12 worst points.
     """
     angles = spread_angles(tilt, count)
     found = value(_rotations(angles))
@@ -305,7 +306,7 @@ def find_worst(value: Callable[[Array], Array], tilt: float, count: int) -> tupl
         here = np.arange(len(at))
         at, least = near[here, best], np.minimum(least, values[here, best])
         step *= 0.5
-        if len(at) > 4:  # most starts lead to the same few valleys
+        if len(at) > 4:  # most starts converge to the same few minima
             keep = np.argsort(least, kind="stable")[: max(4, len(at) // 2)]
             at, least = at[keep], least[keep]
     lowest = int(np.argmin(least))
@@ -330,7 +331,7 @@ _MOTOR_TORQUE_MOTOR, _MOTOR_TORQUE_ARRAY = "spherical-motor", "coil-array"
 
 
 def motor_of(candidate: DesignCandidate) -> SphericalMotor:
-    """The candidate's device; InputError if it is no spherical motor."""
+    """The candidate's device; InputError if it is not a spherical motor."""
     return require(candidate.device, SphericalMotor, "this quantity")
 
 
@@ -498,7 +499,7 @@ QUANTITIES = (
 
 
 # --------------------------------------------------------------------------------------------------
-# What a coil array is made of: copper, magnets, how far it reaches, and the air between its parts.
+# Construction of a coil array: copper, magnets, envelope, and gaps between its parts.
 
 
 def array_magnets(device: Device) -> float:
@@ -508,7 +509,7 @@ def array_magnets(device: Device) -> float:
 
 
 def array_mass(device: Device) -> float:
-    """[kg] of the tool, as the file has it."""
+    """[kg] of the tool, from the file."""
     return require(device, CoilArray, "this quantity").tool.mass
 
 
@@ -527,7 +528,7 @@ def array_envelope(candidate: DesignCandidate) -> float:
 
 
 def array_air(candidate: DesignCandidate) -> float:
-    """[m] least air between a winding and the core, the dome or the plate."""
+    """[m] minimum gap between a winding and the core, the dome or the plate."""
     device = array_of(candidate)
     coils, surface = device.windings, device.surface
     if surface.is_dome:
@@ -541,7 +542,7 @@ def array_air(candidate: DesignCandidate) -> float:
 
 
 def array_spacing(candidate: DesignCandidate) -> float:
-    """[m] least air between two windings; 0 where they touch or overlap."""
+    """[m] minimum gap between two windings; 0 where they touch or overlap."""
     return find_spacing(array_of(candidate).windings)
 
 
@@ -558,7 +559,7 @@ _TOOL_FORCE_ELECTROMAGNET, _TOOL_FORCE_ARRAY = "spherical-electromagnet", "coil-
 
 
 def electromagnet_of(candidate: DesignCandidate) -> SphericalElectromagnet:
-    """The candidate's device; InputError if it is no spherical electromagnet."""
+    """The candidate's device; InputError if it is not a spherical electromagnet."""
     return require(candidate.device, SphericalElectromagnet, "this quantity")
 
 
@@ -575,7 +576,7 @@ def _tool_force_maps(candidate: DesignCandidate) -> tuple[Array, Array, Array]:
         device, states = electromagnet_of(candidate), _tool_force_list_states(candidate)
         return (
             _find_coil_force(device, states),
-            np.stack([_find_core_force(device, state) for state in states[:1]]),  # the same at every place
+            np.stack([_find_core_force(device, state) for state in states[:1]]),  # the same at every position
             np.stack([device.wrench_map(state, "published").force for state in states]),
         )
 
@@ -707,12 +708,12 @@ TOOL_FORCE_QUANTITIES = (
 
 
 # --------------------------------------------------------------------------------------------------
-# What a device is made of: sizes, gaps, masses, copper, magnets, and what they cost roughly.
+# Construction of a device: sizes, gaps, masses, copper, magnets, and rough cost.
 
 
 _PARTS_MOTOR, _PARTS_ELECTROMAGNET, _PARTS_ARRAY = "spherical-motor", "spherical-electromagnet", "coil-array"
 _MAGNET_DENSITY = 7.5e3  #: sintered NdFeB [kg/m³]
-#: EUR, assumed: retail prices of small numbers in 2024; a design file's [evaluation] may say others
+#: EUR, assumed: retail prices of small numbers in 2024; a design file's [evaluation] may state others
 _PRICES = {"magnet_price": 120.0, "copper_price": 30.0, "channel_price": 40.0, "sensor_price": 3.0}
 
 
@@ -752,7 +753,7 @@ def _array_mass(candidate: DesignCandidate) -> float:
 
 
 def _mass(candidate: DesignCandidate, mass: float, before: float, magnets: Callable[[Device], float]) -> float:
-    """What the file says; magnets that differ from the base's while the mass does not are counted by their volume."""
+    """Mass from the file; if only the magnets differ from the base device, corrected by their volume."""
     if mass != before:
         return mass
     return mass + _MAGNET_DENSITY * (magnets(candidate.device) - magnets(candidate.base))
@@ -815,7 +816,7 @@ def _electromagnet_envelope(candidate: DesignCandidate) -> float:
 
 
 def _gap(candidate: DesignCandidate) -> float:
-    """Between the outermost of the inner parts and the innermost of the outer ones."""
+    """Gap between the outermost of the inner parts and the innermost of the outer ones."""
     motor = motor_of(candidate)
     coil, magnet = motor.electromagnet, motor.magnet
     sizes = [
@@ -850,7 +851,7 @@ def _neighbours(layout: Layout, radius: float, length: float) -> float:
 
 
 def _nesting(candidate: DesignCandidate) -> float:
-    """How far each winding stays inside the next: as far as its corner, where the two cross, leaves room."""
+    """Clearance between each winding and the next, at the corner where the two cross."""
     windings = windings_of(candidate)
     order = np.argsort(windings.inner_radius)
     corners = windings.corners[order]
@@ -858,7 +859,7 @@ def _nesting(candidate: DesignCandidate) -> float:
 
 
 def _moment_error(candidate: DesignCandidate) -> float:
-    """The greatest, over the coils, relative difference of the moments of windings and core and of those stated."""
+    """Maximum relative difference, over the coils, between the moments of windings and core and the stated ones."""
     device = electromagnet_of(candidate)
     made = windings_of(candidate).moment_per_current(device.core, device.moments_at)
     stated = np.linalg.norm(device.moment_per_current, axis=0)
@@ -938,7 +939,7 @@ PARTS_QUANTITIES = (
 
 
 # --------------------------------------------------------------------------------------------------
-# How well the field sensors tell where tool or rotor is, by Cramér and Rao's bound, and whether they are in the way.
+# Accuracy of the pose from the field sensors, by the Cramér–Rao bound, and clearance of the sensors.
 #
 # The bounds are of one sample with its noise, currents off; lasting errors of the sensors are left out, as a
 # calibration takes most of them away.
@@ -950,7 +951,7 @@ _SENSING_ORIENTATIONS = 100
 
 
 def shell_places(device: SphericalElectromagnet) -> Array:
-    """(64, 3) [m] places of the tool's magnet that fill the shell: four layers, 16 directions each."""
+    """(64, 3) [m] positions of the tool's magnet that fill the shell: four layers, 16 directions each."""
     share = (np.arange(_LAYERS) + 0.5) / _LAYERS
     distances = device.contact_distance + device.shell_thickness * share
     directions = cap_directions(device.workspace_half_angle, _DIRECTIONS)
@@ -1093,7 +1094,7 @@ WARMTH_QUANTITIES = (
 
 
 # --------------------------------------------------------------------------------------------------
-# The two magnet rings that hold a motor's rotor up: how well, of how much magnet, and how much the coils disturb it.
+# The weight-compensating regulator of a motor: accuracy, volume of magnet, and disturbance by the coils.
 
 
 _REGULATOR_TILTS = 40

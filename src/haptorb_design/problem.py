@@ -38,7 +38,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# What a design leaves free: one number or choice, and the places in the device file that it is written to.
+# Free parameter of a design: one number or choice, and the keys of the device file that it is written to.
 
 
 WHOLE = "*"  #: key of a place whose choices are tables that replace values all over the device file
@@ -46,7 +46,7 @@ WHOLE = "*"  #: key of a place whose choices are tables that replace values all 
 
 @dataclass(frozen=True)
 class ParameterPlace:
-    """A key of a device file, and how the parameter's value is written there: factor × value + offset.
+    """Key of a device file to which the parameter's value is written, as factor × value + offset.
 
     key  dotted; lists are counted from 1, as messages about device files do: "electromagnets.rings.2.latitude"
     """
@@ -108,7 +108,7 @@ def list_entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
 
 
 # --------------------------------------------------------------------------------------------------
-# One candidate of a design: the device that its values make, and what several objectives need of it.
+# Candidate of a design: its device, and intermediate results shared by several objectives.
 
 
 T = TypeVar("T")
@@ -116,12 +116,12 @@ T = TypeVar("T")
 
 @final
 class DesignCandidate:
-    """Device under evaluation, with what has been computed of it; passed to objectives of the user's own.
+    """Device under evaluation, with cached intermediate results; passed to objectives of the user's own.
 
     Parameters
     ----------
     device : Device
-        Device to be judged.
+        Device under evaluation.
     base : Device
         Device of the design file, with which envelope, copper and magnet volume are compared.
     options : Mapping
@@ -135,7 +135,7 @@ class DesignCandidate:
         self._shared: dict[str, Any] = {}
 
     def share(self, name: str, compute: Callable[[], T]) -> T:
-        """What `compute` returns, computed once for all objectives that ask for `name`."""
+        """Return the result of `compute`, computed once for all objectives that use `name`."""
         if name not in self._shared:
             self._shared[name] = compute()
         found: T = self._shared[name]
@@ -143,7 +143,7 @@ class DesignCandidate:
 
 
 # --------------------------------------------------------------------------------------------------
-# A number that can be computed of a candidate: to be made small or great, or to be bounded by a constraint.
+# Scalar quantity of a candidate: to be minimised or maximised, or bounded by a constraint.
 
 
 Sense = Literal["minimise", "maximise"]
@@ -155,8 +155,8 @@ class DesignQuantity:
 
     name      as design files call it
     unit      in which it is shown and stored, such as "W/(N·m)²"; SI without prefix; "" for a plain number
-    sense     what an optimiser does with it unless the design file says otherwise
-    text      one sentence: what it is, over what it is the worst or the mean
+    sense     sense of the optimisation, unless the design file states another
+    text      one sentence: meaning, and the domain of the worst case or mean
     kinds     names of the kinds of device that have it
     compute   (DesignCandidate) → number; InputError where this device has no such number
     """
@@ -245,7 +245,7 @@ class Design:
 
     @property
     def base_tables(self) -> DeviceTables:
-        """What the base device's file says."""
+        """Tables of the base device's file."""
         return read_tables(self.base) if self.tables is None else self.tables
 
     @property
@@ -263,7 +263,7 @@ class Design:
 
 
 # --------------------------------------------------------------------------------------------------
-# The evaluation of one candidate: its numbers, or why it was refused.
+# Evaluation of one candidate: its numbers, or the reason of its rejection.
 
 
 Value = float | str  #: of a parameter, in the parameter's own unit; a choice by its label
@@ -307,19 +307,19 @@ class Evaluation:
 
     @property
     def valid(self) -> bool:
-        """Whether it is a design that keeps every constraint."""
+        """Whether the design satisfies every constraint."""
         return not self.refused_by
 
 
 # --------------------------------------------------------------------------------------------------
-# Dotted keys of a device file: looked up, named if they are not there, and written to.
+# Dotted keys of a device file: look-up, validation and writing.
 
 
-_FIXED = frozenset({"kind", "name", "title", "source", "based_on"})  #: keys that say which device it is
+_FIXED = frozenset({"kind", "name", "title", "source", "based_on"})  #: keys that identify the device
 
 
 def split_key(key: str) -> list[str | int]:
-    """The parts of a dotted key; what is a number counts the entries of a list from 1.
+    """Split a dotted key; numbers are indices of list entries from 1.
 
     >>> split_key("electromagnets.rings.2.latitude")
     ['electromagnets', 'rings', 2, 'latitude']
@@ -348,7 +348,7 @@ def check_key(tables: DeviceTables, key: str) -> None:
 
 
 def write_key(values: dict[str, Any], path: list[str | int], value: Any, reason: str) -> list[str | int]:
-    """Write `value` at `path` of the tables `values`, which must not be shared, and say `reason` as its provenance.
+    """Write `value` at `path` of the tables `values`, which must not be shared, with `reason` as its provenance.
 
     Returns the path of the outermost entry that a file laid over the old tables must name: lists are replaced whole.
     """
@@ -412,13 +412,13 @@ def _list_keys(node: Any, prefix: str) -> Iterator[str]:
 
 
 # --------------------------------------------------------------------------------------------------
-# From a parameter's values to a device: the changed keys, the device file that says them, and the device itself.
+# From parameter values to a device: the changed keys, the device file with them, and the device itself.
 
 
 def build_device(
     design: Design, values: Mapping[str, Value], name: str = "candidate", *, override: bool = False
 ) -> Device:
-    """The device that `values` (parameter → value) make of the base device; DeviceError if they make none.
+    """Build the device with `values` (parameter → value); DeviceError if they form no valid device.
 
     It is the device that `haptorb.devices.loader.load` makes of the file `write_device_text`, digest included. With
     `override` also one that cannot be built: results of earlier versions hold some.
@@ -427,7 +427,7 @@ def build_device(
 
 
 def change_tables(design: Design, values: Mapping[str, Value], name: str = "candidate") -> DeviceTables:
-    """The base device's tables with `values` written to their places; InputError for values that the design has not."""
+    """The base device's tables with `values` written to their places; InputError for values that the design lacks."""
     changes = _list_changes(design, values, name)
     base = design.base_tables
     own, file = _format(design, values, changes), None
@@ -496,7 +496,7 @@ def _list_changes(design: Design, values: Mapping[str, Value], name: str) -> dic
 
 
 def _list_written(parameter: DesignParameter, value: Value) -> Iterator[tuple[str, Any]]:
-    """Keys of the device file, and what stands there for `value`."""
+    """Keys of the device file, with the entry that represents `value`."""
     for place in parameter.places:
         written = _write_value(parameter, place, value)
         if place.key == WHOLE:
@@ -506,7 +506,7 @@ def _list_written(parameter: DesignParameter, value: Value) -> Iterator[tuple[st
 
 
 def _write_value(parameter: DesignParameter, place: ParameterPlace, value: Value) -> Any:
-    """What stands in the device file for `value`: a text with its unit, a whole number, a number, or a choice."""
+    """Entry of the device file for `value`: a text with its unit, an integer, a number, or a choice."""
     if parameter.choices:
         chosen = copy.deepcopy(parameter.choice(str(value)))
         if place.factor == 1.0 or isinstance(chosen, bool) or not isinstance(chosen, int | float):

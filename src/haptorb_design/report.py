@@ -106,7 +106,7 @@ class BestDesign:
 
     row      of the results table
     text     the device file, for `haptorb run` and every other command
-    card     output of `haptorb inspect`, or why there is none
+    card     output of `haptorb inspect`, or the reason why there is none
     drawing  PNG, with the base device; empty for a kind of device without geometry
     """
 

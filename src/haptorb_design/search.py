@@ -58,7 +58,7 @@ class Optimiser:
     def ask(self) -> list[tuple[int, dict[str, Value]]]:
         """(number, values) of the next generation; empty if nothing new can be found.
 
-        Asked again before `tell`, it gives the same.
+        Repeated calls before `tell` return the same.
         """
         if self._generation is None:
             self._generation = self._propose()

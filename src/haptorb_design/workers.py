@@ -158,8 +158,8 @@ def compute_base_quantities(
 
 
 def compute_base_values(design: Design, limit: float = CANDIDATE_TIME_LIMIT_S) -> dict[str, float]:
-    """Of the base device, "objectives.NAME" and "constraints.NAME" → number [SI]; what it has no number for, and what
-    takes longer than `limit` of processor time [s], is left out."""
+    """Values of the base device: "objectives.NAME" and "constraints.NAME" → number [SI]; undefined ones, and those that
+    take longer than `limit` of processor time [s], are left out."""
     quantities = {f"objectives.{goal.name}": goal.quantity for goal in design.goals}
     quantities |= {f"constraints.{bound.name}": bound.quantity for bound in design.bounds}
     found = compute_base_quantities(design, quantities, limit)
@@ -214,7 +214,7 @@ class ProcessWorkers:
 
     packed  the design
     limit   processor time of one candidate [s]
-    memory  most of one process [bytes]
+    memory  maximum of one process [bytes]
     idle    time without a candidate after which a process ends [s]; None: none
     """
 

@@ -650,7 +650,7 @@ def backup(
     db: DatabaseArgument,
     into: Annotated[Path, typer.Argument(help="New file.")],
 ) -> None:
-    """Copy a database file as it is at this moment, also while a session runs; `withdraw` knows of the copy."""
+    """Copy a database file in its present state, also while a session runs; `withdraw` includes the copy."""
     from haptorb_study.copies import back_up
 
     echo(f"backup: {back_up(db, into)}")

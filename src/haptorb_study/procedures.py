@@ -55,7 +55,7 @@ class FixedOrder(Procedure):
 
     @property
     def prompt(self) -> Prompt | None:
-        """The next of the list."""
+        """Next prompt of the list."""
         return self.prompts[self.done] if self.done < len(self.prompts) else None
 
     @property

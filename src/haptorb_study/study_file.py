@@ -394,7 +394,7 @@ def _add_key(study: Study, key: str, value: str) -> Study:
 
 
 def list_older(study: Study) -> list[Study]:
-    """As older versions ran the same file, newest first: with coils that are points, then with their order of trials
+    """The study as older versions ran this file, newest first: with coils as points, then with their order of trials
     too, then with 1 + 8 + 8 + 8 as published too.
 
     Empty where the file itself has the keys.

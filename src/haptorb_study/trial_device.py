@@ -133,7 +133,7 @@ class TrialDevice:
 
     @property
     def switched_off(self) -> bool:
-        """Whether the guard has the coils switched off."""
+        """Whether the guard has switched the coils off."""
         row = self.servo.latest()
         return row is None or row[self.servo.layout["guard"]][0] in (0, 4)
 

@@ -178,7 +178,7 @@ class Arm(Device):
         return WrenchMap(self.matrix, np.zeros(6), self.coils.names)
 
     def check_hand_goals(self, places: Array, what: str) -> None:
-        """Reject goals of a hand more than 20 mm outside the workspace."""
+        """Raise InputError for goals of a hand more than 20 mm outside the workspace."""
         check_distance(places, what)
         inside = self.workspace.contains(places, _BEYOND)
         if not inside.all():

@@ -589,6 +589,8 @@ class BoundWorld:
     failed   after an exception or a non-finite memory: it renders nothing until `restart`
     client   (1,) CLIENT_FORCE: the command of a program outside the loop; filled by the loop
     commanded  (6,) the part of the last wrench that this program commands [N, N·m]
+
+    Raises InputError for a memory that does not match the world's `memory_fields`.
     """
 
     def __init__(self, world: DynamicWorld, dt: float) -> None:

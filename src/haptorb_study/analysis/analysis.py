@@ -1,4 +1,4 @@
-"""Analysis of a study: every table, fit and test that its procedure has, from the stored answers."""
+"""Analysis of a study: all tables, fits and tests of its procedure, from the stored answers."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _RECORDING_COLUMNS = ("participant", "trial", "safety", "recording")
 
 @dataclass(frozen=True)
 class Analysis(NotebookReport):
-    """All results of a study; those that its procedure does not have are empty.
+    """All results of a study; those that do not apply to its procedure are empty.
 
     `analysis_of` makes one. In a notebook it shows the summary that `haptorb study analyse` prints.
 

@@ -29,7 +29,7 @@ _TESTS = {"t": "Student's t test over participants", "sign-flip": "sign-flip tes
 
 
 def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
-    """The tables that the study has, in reading order."""
+    """The study's tables, in reading order."""
     if analysis.localisation is not None:
         yield from _localisation(analysis.localisation)
     planned = [row for row in analysis.comparisons if row.planned]

@@ -142,7 +142,7 @@ def _find_peak(world: SnapFit, sign: float, y: float) -> float:
 
 
 def force_along(design: Candidate, x: float, speed: float) -> float:
-    """F_X' [N] on the centred part at X' = `x` [m], moving with `speed` [m/s] outwards.
+    """F_X' [N] on the centred part at X' = `x` [m], moving outwards at `speed` [m/s].
 
     A world with memory is computed along a motion that leads there: from home, or, inwards, from home to the farthest
     position and back. Raises InputError with the place in the user's code if a world of their own fails there.

@@ -214,7 +214,7 @@ class LiveSession:
             self.feel(self._find_next(None))
 
     def set_blind(self, blind: bool) -> None:
-        """Hide the designs from now on, or show them. Hiding begins with another order and design: the present ones
+        """Hide the designs, or show them again. Hiding starts with a new order and another design: the present ones
         are known."""
         with self._lock:
             self._check_running()

@@ -156,7 +156,7 @@ class FeelSession:
         return read_trace(self.folder / name)
 
     def ratings(self) -> tuple[DesignRating, ...]:
-        """All ratings that count, oldest first: of one feeling, the last."""
+        """All valid ratings, oldest first: the last one of each presentation."""
         given = [one for one in self._records() if isinstance(one, DesignRating) and _is_score(one.score)]
         last = {one.feeling: one for one in given if one.feeling}
         return tuple(one for one in given if not one.feeling or last[one.feeling] is one)
@@ -172,7 +172,7 @@ class FeelSession:
         )
 
     def feelings(self) -> tuple[Feeling, ...]:
-        """Every design that was felt, as often as it was, oldest first; also those of before there was such a record,
+        """All presentations of designs, oldest first; also those from before there was such a record,
         which only ratings tell of."""
         records = self._records()
         found = [one for one in records if isinstance(one, Feeling)]
@@ -189,7 +189,7 @@ class FeelSession:
         return made[-1] if made else None
 
     def scores(self, person: str | None = None) -> dict[str, tuple[int, float]]:
-        """Design → how often it was rated, as it is now in the file, and the mean score (NaN: never); by one `person`,
+        """Design → number of ratings of its current version, and their mean (NaN: none); by one `person`,
         or by all."""
         given: dict[str, list[int]] = {design.name: [] for design in self.candidates.designs}
         for rating in self.ratings():
