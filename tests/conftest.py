@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -87,12 +88,26 @@ def _why_missing() -> str:
     return f"; {note.read_text().strip()}" if note.exists() else "; `make test` installs it where it may"
 
 
+@cache
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Generator[None, list[Any], list[Any]]:
+    """Look for examples in no test module that has none: to look at every object takes a second."""
+    found = yield
+    if file_path.suffix != ".py" or ">>>" in _read(file_path):
+        return found
+    return [one for one in found if type(one).__name__ != "DoctestModule"]
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Read no file whose tests all belong to another call of `scripts/run_tests.py`, and no module without an example:
     all take half a minute."""
     if collection_path.suffix != ".py" or collection_path.name == "conftest.py":
         return None
-    text = collection_path.read_text(encoding="utf-8")
+    text = _read(collection_path)
     if not collection_path.is_relative_to(ROOT / "tests") and ">>>" not in text:
         return True
     wanted = config.option.markexpr.split(" and ")
@@ -272,8 +287,6 @@ def browser(chromium: str) -> Iterator[Any]:
 @pytest.fixture(scope="session")
 def reproduction():
     """(paper, name) → that part of `haptorb reproduce`, made once for all tests of a run."""
-    from functools import cache
-
     from haptorb_papers.reproduce import ReproductionResult, find_reproduction
 
     @cache
