@@ -240,7 +240,7 @@ class LslFeed(Feed):
             self._foreign = ""
             return min(sent, arrival)
         self._foreign = (
-            f"its times differ from this computer's clock by {abs(arrival - sent):.3g} s: they are compared with the "
+            f"its times differ from this computer's clock by {abs(arrival - sent):.1f} s: they are compared with the "
             "fastest arrivals"
         )
         return self._other_clock.stamp(sent, arrival)
