@@ -23,7 +23,7 @@ from haptorb.cli.calibration_measurement import Pace, hold_tool, make_driver
 from haptorb.cli.error_report import report_errors
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.registry import make_estimator
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver

@@ -31,7 +31,7 @@ from haptorb.cli.calibration_measurement import Pace, hold_tool
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.estimation.types import Sample
 from haptorb.magnetics import dipole

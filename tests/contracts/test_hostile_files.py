@@ -21,7 +21,7 @@ from haptorb import worlds
 from haptorb.devices.loader import load, parse
 from haptorb.devices.quantity import si
 from haptorb.errors import CalibrationError, DeviceError, InputError, RecordingError, UnknownName
-from haptorb.estimation.calibration import Calibration, write_calibration
+from haptorb.estimation.calibration_file import Calibration, write_calibration
 from haptorb.file_kind import FileKind
 from haptorb.json_file import numbers, parse_document
 from haptorb.recording import destination

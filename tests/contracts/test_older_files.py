@@ -15,7 +15,7 @@ from haptorb.devices.base import DeviceText
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, RecordingError
-from haptorb.estimation.calibration import read_calibration
+from haptorb.estimation.calibration_file import read_calibration
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
 from haptorb.web.view import find_device

@@ -13,7 +13,7 @@ import numpy as np
 
 from haptorb.cli import main
 from haptorb.devices.loader import load
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, write_networks
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.file_kind import FileKind

@@ -281,7 +281,7 @@ def _run(command: str) -> int:
             read_hand(words[-1], load("omni"))
         elif "--calibration" in words or "--frame" in words:
             from haptorb.devices.loader import load
-            from haptorb.estimation.calibration import read_calibration, read_frame
+            from haptorb.estimation.calibration_file import read_calibration, read_frame
 
             if "--frame" in words:
                 read_frame(words[-1]).check_for(load("omni"), "osc:9000")

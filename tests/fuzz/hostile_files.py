@@ -43,7 +43,7 @@ from haptorb.cli.thermal_record import thermal_record
 from haptorb.cli.world_option import parse_settings
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError, RecordingWarning
-from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
+from haptorb.estimation.calibration_file import Calibration, read_calibration, read_frame
 from haptorb.estimation.load_calibration import list_columns, read_loads
 from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, read_networks, write_networks
 from haptorb.estimation.tracker_frame import TrackerFrame

@@ -27,7 +27,7 @@ from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.coil_array import CoilArray, PlacedCoils, array_wrench, place_coils
 from haptorb.devices.electromagnet import FORCE_JND
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.magnetics.soft_sphere import answer_to_source
 from haptorb.rotations import turn_by
 

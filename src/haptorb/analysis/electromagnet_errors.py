@@ -39,7 +39,7 @@ from haptorb.devices.electromagnet_model import CoreDynamics, WoundCoils, fill_w
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.display import format_quantity
 from haptorb.errors import UnknownName
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.estimation.hall_tracker import CALIBRATED
 from haptorb.magnetics.coil import CentredCoil

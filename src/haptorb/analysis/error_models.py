@@ -15,7 +15,7 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 
 __all__ = ["error_model"]
 

@@ -30,7 +30,7 @@ from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
 from haptorb.devices.motor_model import coils_field, torque_over_sine
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.rotations import rotation_from_euler, turn_by
 
 __all__ = ["MotorErrors", "MotorPoint", "MotorTrial", "motor_errors"]

@@ -59,7 +59,7 @@ def calibrate(
     from haptorb.cli.thermal_record import thermal_record
     from haptorb.devices.electromagnet import electromagnet
     from haptorb.devices.loader import load
-    from haptorb.estimation.calibration import check_writable
+    from haptorb.estimation.calibration_file import check_writable
     from haptorb.estimation.load_calibration import read_loads
     from haptorb.runtime.linux import prepare_thread
 

@@ -13,7 +13,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError
-from haptorb.estimation.calibration import Calibration, MeasuredHeat
+from haptorb.estimation.calibration_file import Calibration, MeasuredHeat
 from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
 from haptorb.estimation.hall_tracker import coil_error
 from haptorb.estimation.types import Sample

@@ -16,7 +16,7 @@ from haptorb.devices.base import HeatCoupling, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.errors import CalibrationError
-from haptorb.estimation.calibration import Calibration, MeasuredHeat
+from haptorb.estimation.calibration_file import Calibration, MeasuredHeat
 from haptorb.estimation.coil_calibration import (
     MagneticCalibration,
     NetworkIdentification,

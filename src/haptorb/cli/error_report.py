@@ -12,7 +12,7 @@ from haptorb.analysis.error_budget import COVERAGE, ErrorBudget, Report, WrenchB
 from haptorb.analysis.error_models import error_model
 from haptorb.devices.base import Device
 from haptorb.devices.loader import find_device
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.notebook import NotebookReport
 from haptorb.terminal import Column, TextTable, print_facts, print_table, print_text
 

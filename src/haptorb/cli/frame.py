@@ -42,7 +42,7 @@ def frame(
     from haptorb.cli.frame_dialog import PACE, Rehearsal, check_device, measure_miss, register_frame, rehearsal_port
     from haptorb.cli.progress import time_bar
     from haptorb.devices.loader import load
-    from haptorb.estimation.calibration import check_writable, write_frame
+    from haptorb.estimation.calibration_file import check_writable, write_frame
     from haptorb.estimation.tracker_frame import TrackerFrame
     from haptorb.runtime.trackers.registry import check_tracker, feed_of, has_feed, prepare_tracker
 

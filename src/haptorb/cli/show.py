@@ -186,7 +186,7 @@ def _budget_errors(
     """Compute the error budget with a progress bar."""
     from haptorb.cli.error_report import report_errors
     from haptorb.devices.quantity import si
-    from haptorb.estimation.calibration import read_calibration
+    from haptorb.estimation.calibration_file import read_calibration
 
     if not 100 <= samples <= 100_000 or seed < 0:
         raise InputError(f"--samples must be 100 to 100000 and --seed 0 or more; got {samples} and {seed}")

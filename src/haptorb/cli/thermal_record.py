@@ -12,7 +12,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.devices.base import Device
 from haptorb.errors import CalibrationError, quote
-from haptorb.estimation.calibration import MeasuredHeat
+from haptorb.estimation.calibration_file import MeasuredHeat
 from haptorb.estimation.coil_calibration import (
     HeatRecord,
     NetworkIdentification,

@@ -20,7 +20,7 @@ from haptorb.arrays import Array
 from haptorb.devices.base import State
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.file_kind import FileKind
 from haptorb.files import read_text
 from haptorb.rotations import rotate

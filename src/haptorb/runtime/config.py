@@ -21,7 +21,7 @@ from haptorb.devices.base import Device, State
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.calibration import Calibration, read_calibration, read_frame
+from haptorb.estimation.calibration_file import Calibration, read_calibration, read_frame
 from haptorb.estimation.registry import check_estimator, read_learned
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.recording.destination import describe_machine, list_versions

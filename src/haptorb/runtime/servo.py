@@ -32,7 +32,7 @@ from haptorb.control.trips import GuardState, Trip
 from haptorb.devices.base import Device, State, own_implementations
 from haptorb.display import format_vector
 from haptorb.errors import InputError, RecordingError, ServoError, UnknownName, WorldError, quote
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.files import FileLock, describe_size_limit, sweep
 from haptorb.recording.destination import RunRecording

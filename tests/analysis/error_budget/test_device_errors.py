@@ -18,7 +18,7 @@ from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.loader import load
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.rotations import quaternion
 from haptorb.simulation.built_electromagnet import draw_electromagnet, fill_truth

@@ -13,7 +13,7 @@ from haptorb.cli.thermal_record import thermal_record
 from haptorb.devices.base import HeatCoupling
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
-from haptorb.estimation.calibration import Calibration, MeasuredHeat, read_calibration, write_calibration
+from haptorb.estimation.calibration_file import Calibration, MeasuredHeat, read_calibration, write_calibration
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver

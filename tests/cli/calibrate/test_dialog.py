@@ -20,7 +20,7 @@ from haptorb.cli.calibration_steps import CalibrationEffort
 from haptorb.cli.heat_measurement import HeatingSchedule
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
-from haptorb.estimation.calibration import read_calibration
+from haptorb.estimation.calibration_file import read_calibration
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.servo_process import disagreement

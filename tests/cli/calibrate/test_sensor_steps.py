@@ -18,7 +18,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.field_sensors import draw_sensors
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError
-from haptorb.estimation.calibration import Calibration, read_calibration
+from haptorb.estimation.calibration_file import Calibration, read_calibration
 from haptorb.estimation.types import Sample
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.simulation.electromagnet import SimulatedElectromagnet

@@ -14,7 +14,7 @@ from haptorb.cli import main
 from haptorb.cli.frame_dialog import Rehearsal, Stroke, measure_miss, register_frame, rehearsal_port, strokes
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, DriverError, InputError
-from haptorb.estimation.calibration import read_frame
+from haptorb.estimation.calibration_file import read_frame
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.registry import feed_of, prepare_tracker
 

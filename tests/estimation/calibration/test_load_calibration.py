@@ -16,7 +16,7 @@ from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError
-from haptorb.estimation.calibration import Calibration
+from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.estimation.load_calibration import LoadRecord, calibrate_by_loads, list_columns, read_loads
 from haptorb.rotations import quaternion

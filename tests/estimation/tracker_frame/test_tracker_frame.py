@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError
-from haptorb.estimation.calibration import read_frame, write_frame
+from haptorb.estimation.calibration_file import read_frame, write_frame
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.simulation.synthetic_tracker import SyntheticTracker
 

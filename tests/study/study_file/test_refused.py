@@ -9,7 +9,7 @@ import pytest
 
 from haptorb.cli import main
 from haptorb.devices.loader import load
-from haptorb.estimation.calibration import write_frame
+from haptorb.estimation.calibration_file import write_frame
 from haptorb.estimation.tracker_frame import TrackerFrame
 
 GOOD = 'name = "good"\n[set_points]\npoints = [{ number = 1, theta_deg = 0 }]\n[trials]\nrepetitions = 1\n'
