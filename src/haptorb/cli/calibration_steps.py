@@ -19,7 +19,6 @@ from haptorb.errors import CalibrationError
 from haptorb.estimation.calibration_file import Calibration, MeasuredHeat
 from haptorb.estimation.coil_calibration import (
     MagneticCalibration,
-    NetworkIdentification,
     check_conduction,
     check_switching,
     excitation,
@@ -27,6 +26,7 @@ from haptorb.estimation.coil_calibration import (
 )
 from haptorb.estimation.hall_fit import ToolModel, tool_field
 from haptorb.estimation.hall_tracker import HallTracker
+from haptorb.estimation.heat_calibration import NetworkIdentification
 from haptorb.estimation.sensor_calibration import CoilReadings, SensorCalibration, ToolTour, calibrate_sensors
 from haptorb.estimation.types import Sample
 from haptorb.thermal import TwoNode

@@ -12,7 +12,7 @@ from haptorb.arrays import Array
 from haptorb.cli.calibration_measurement import DriverSession
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, HostSilent
-from haptorb.estimation.coil_calibration import (
+from haptorb.estimation.heat_calibration import (
     HeatRecord,
     NetworkIdentification,
     ThermalIdentification,

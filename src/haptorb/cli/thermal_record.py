@@ -13,7 +13,7 @@ from haptorb.arrays import Array
 from haptorb.devices.base import Device
 from haptorb.errors import CalibrationError, quote
 from haptorb.estimation.calibration_file import MeasuredHeat
-from haptorb.estimation.coil_calibration import (
+from haptorb.estimation.heat_calibration import (
     HeatRecord,
     NetworkIdentification,
     ThermalIdentification,

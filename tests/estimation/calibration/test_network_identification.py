@@ -8,7 +8,7 @@ import pytest
 from haptorb.devices.base import HeatCoupling
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.estimation.coil_calibration import HeatRecord, network_identification
+from haptorb.estimation.heat_calibration import HeatRecord, network_identification
 from haptorb.thermal import ThermalNetwork, TwoNode
 
 OMNI = load("omni")

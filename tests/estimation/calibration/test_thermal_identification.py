@@ -5,7 +5,7 @@ import pytest
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.estimation.coil_calibration import thermal_identification
+from haptorb.estimation.heat_calibration import thermal_identification
 from oracles.endurance_fit import endurance_fit
 
 AMBIENT = 298.15

@@ -20,7 +20,7 @@ from haptorb.arrays import Array
 from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.errors import InputError
-from haptorb.estimation.coil_calibration import HeatRecord, NetworkIdentification, coil_identification
+from haptorb.estimation.heat_calibration import HeatRecord, NetworkIdentification, coil_identification
 from haptorb.simulation.electromagnet import COILS, NODES, fill_step
 from haptorb.simulation.parts import cold_coils, network_coil_step
 from haptorb_papers.reproduce.item import Item
