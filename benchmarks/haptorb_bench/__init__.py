@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 from haptorb.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from haptorb_bench.result import BENCHMARKS, BenchResult, load_result, run_benchmarks
-    from haptorb_bench.row import Metric
+    from haptorb_bench.result import BENCHMARKS, BenchResult, Metric, load_result, run_benchmarks
 
 __all__ = ["BENCHMARKS", "BenchResult", "Metric", "load_result", "run_benchmarks"]
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "haptorb_bench.result": "BENCHMARKS BenchResult load_result run_benchmarks",
-        "haptorb_bench.row": "Metric",
+        "haptorb_bench.result": "BENCHMARKS BenchResult Metric load_result run_benchmarks",
     },
 )

@@ -12,7 +12,7 @@ from haptorb.control.allocation import MinimumPowerAllocator
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import motor, torque_characteristic, workspace_sample
 from haptorb_bench.contest import measure_fastest
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["rows"]
 

@@ -12,7 +12,7 @@ from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import FieldToTorque, LinearTorque, NetworkTorque, train, workspace_grid
 from haptorb.estimation.types import Estimator, Pose, Sample
 from haptorb.rotations import rotation_from_euler
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["rows"]
 

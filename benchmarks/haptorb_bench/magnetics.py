@@ -19,7 +19,7 @@ from haptorb.devices.motor_model import exact_field, exact_torque
 from haptorb.rotations import rotation_from_euler
 from haptorb_bench import peers
 from haptorb_bench.contest import Contest, Result, measure_fastest
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["magnetics", "rows"]
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.cluster import python_command
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["console", "loop", "serial", "study"]
 

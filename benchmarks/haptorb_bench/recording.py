@@ -15,7 +15,7 @@ from haptorb.devices.loader import load
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.servo import Servo
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["rows"]
 

@@ -21,7 +21,7 @@ from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.warm_up import dry_run
 from haptorb.terminal import echo
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["rows", "time_single_process_warm_up"]
 

@@ -20,7 +20,7 @@ from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.shared_memory import SLOTS
 from haptorb.runtime.tick_state import TickState
 from haptorb.simulation.registry import simulate
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["rows"]
 

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, minimize
 from haptorb.arrays import Array
 from haptorb.devices.motor import motor
 from haptorb.estimation.network import fit_weights, workspace_grid
-from haptorb_bench.row import Metric
+from haptorb_bench.result import Metric
 
 __all__ = ["rows"]
 

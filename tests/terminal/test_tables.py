@@ -51,8 +51,7 @@ def pmsm_card():
 
 
 def bench():
-    from haptorb_bench.result import BenchResult
-    from haptorb_bench.row import Metric
+    from haptorb_bench.result import BenchResult, Metric
 
     rows = (
         Metric("magnetics", "torque per ampere of all 24 coils", 6.89, "µs", "magpylib, core in blocks", 55300.0,
