@@ -8,8 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from haptorb.errors import InputError
-from haptorb_study.counterbalancing import square_size
-from haptorb_study.order import list_units, plan, procedure_of
+from haptorb_study.order import list_units, plan, procedure_of, square_size
 from haptorb_study.procedures import InterleavedProcedures
 from haptorb_study.prompts import Prompt
 from haptorb_study.study_file import Study

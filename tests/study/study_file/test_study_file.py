@@ -11,9 +11,8 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb_study.columns import find_begun_version
 from haptorb_study.columns import read_study as read_stored
-from haptorb_study.counterbalancing import balance_conditions
 from haptorb_study.database import database
-from haptorb_study.order import plan, procedure_of
+from haptorb_study.order import balance_conditions, plan, procedure_of
 from haptorb_study.prompts import Answer
 from haptorb_study.set_points import list_equal_rings, list_published
 from haptorb_study.simulated.forecast import forecast, load_squared, overlap
