@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb_study.json_values import json_number
-from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
-from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES, PsychometricGrid
+from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts, PsychometricCurve, PsychometricGrid
 from haptorb_study.statistics.slope_likelihood import MAX_LAPSE_RATE, SlopeLikelihood
 
 __all__ = [

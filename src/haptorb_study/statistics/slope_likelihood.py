@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array
-from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve
-from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES
+from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts, PsychometricCurve
 
 __all__ = ["MAX_LAPSE_RATE", "Direction", "SlopeLikelihood"]
 

@@ -15,8 +15,7 @@ from scipy.stats import beta, binom
 
 from haptorb.errors import InputError
 from haptorb_study.statistics.person_fit import PersonFit, fit_person, psychometric_fit
-from haptorb_study.statistics.psychometric import LevelCounts, count_by_level
-from haptorb_study.statistics.psychometric_grid import PsychometricGrid
+from haptorb_study.statistics.psychometric import LevelCounts, PsychometricGrid, count_by_level
 from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 
 X = np.linspace(0.7, 1.3, 7)

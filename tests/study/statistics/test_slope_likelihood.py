@@ -15,8 +15,7 @@ from scipy.stats import norm
 
 from haptorb_study.statistics.person_fit import FLAT, NO_LIMIT, REVERSED, UPPER_LIMIT, fit_person
 from haptorb_study.statistics.population import fit_group
-from haptorb_study.statistics.psychometric import LevelCounts
-from haptorb_study.statistics.psychometric_grid import LAPSE_EDGES
+from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts
 from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
 
 ROOT = Path(__file__).resolve().parents[3]
