@@ -18,7 +18,7 @@ import { dot, norm, Sample } from "./sample";
 import { firstOf, type DeviceScene, type Readings } from "./scene/device_scene";
 import { requestedLevel, DETAIL, Governor } from "./scene/governor";
 import { isDrawnInSoftware } from "./scene/graphics";
-import { Grasp } from "./scene/grasp";
+import { Drag } from "./scene/drag";
 import { Orbit } from "./scene/orbit";
 import { sceneOf } from "./scene/scenes";
 import { Shapes } from "./scene/shapes";
@@ -48,7 +48,7 @@ class Console {
   readonly orbit: Orbit;
   private readonly scene: DeviceScene;
   readonly subject: Subject;
-  private readonly grasp: Grasp;
+  private readonly drag: Drag;
   private readonly header: Header;
   private readonly world: WorldPanel;
   private readonly readouts: Readings;
@@ -125,7 +125,7 @@ class Console {
       },
       event: (event) => this.event(event),
     });
-    this.grasp = new Grasp(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
+    this.drag = new Drag(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
     fill(session, this.scene, this.subject.keys);
     this.detail();
     this.buttons();
@@ -162,8 +162,8 @@ class Console {
 
   /** Whoever does not see the page does not hold the stylus: a hidden page is not run often enough to say so in time. */
   private onHide(): void {
-    if (!document.hidden || !this.grasp.held) return;
-    this.grasp.abandon();
+    if (!document.hidden || !this.drag.held) return;
+    this.drag.abandon();
     this.link.drop();
   }
 
@@ -257,7 +257,7 @@ class Console {
         at("watching").hidden = this.control;
         at("watching").title = "Another page is in control. This one can still stop the device.";
         at<HTMLButtonElement>("cool").disabled = !this.control;
-        this.grasp.enabled = this.control && this.session.steered;
+        this.drag.enabled = this.control && this.session.steered;
         this.world.enable(this.control);
         this.model.enable(this.control);
         this.modes?.enable(this.control);
@@ -315,7 +315,7 @@ class Console {
     this.silence.stale = performance.now() - this.arrived > STALE;
     const dead = this.silence.disconnected || this.silence.servoEnded || this.silence.stale;
     // Silence alone does not open the hand that holds: when samples come again, it is still there.
-    if (this.silence.disconnected || this.silence.servoEnded) this.grasp.letGo(now);
+    if (this.silence.disconnected || this.silence.servoEnded) this.drag.letGo(now);
     if (dead && !this.wasDead) this.forget();
     else if (!dead && this.wasDead) this.revive();
     if (this.fresh && !dead) {

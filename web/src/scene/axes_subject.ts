@@ -7,7 +7,7 @@ import type { Scene, Session } from "../session";
 import { css, onThemeChange } from "../theme";
 import { Arrow } from "./arrow";
 import { Goal } from "./goal";
-import { Marker, type Mover } from "./mover";
+import { Marker, type Mover } from "./mover_drawing";
 import { chips, partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
 import type { Subject, Wish } from "./subject";

@@ -17,7 +17,7 @@ import type { Sample } from "../sample";
 import type { PlateScene, Session } from "../session";
 import { css, mapped, onThemeChange } from "../theme";
 import { AxesSubject } from "./axes_subject";
-import { ArrayTool } from "./mover";
+import { ArrayTool } from "./mover_drawing";
 import { partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
 import type { Wish } from "./subject";

@@ -14,7 +14,7 @@ import { Sample } from "../sample";
 import type { DeviceScene, Readings } from "../scene/device_scene";
 import { requestedLevel, DETAIL, Governor } from "../scene/governor";
 import { isDrawnInSoftware } from "../scene/graphics";
-import { Grasp } from "../scene/grasp";
+import { Drag } from "../scene/drag";
 import { Orbit } from "../scene/orbit";
 import { sceneOf } from "../scene/scenes";
 import { Shapes } from "../scene/shapes";
@@ -97,7 +97,7 @@ class Player {
     if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
     this.legend.arrows(); // a world whose code is not here has no colours, but its force is drawn
     this.legend.device(session.scene);
-    new Grasp(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;
+    new Drag(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;
     fill(session, this.scene, [], KEYS);
     hideControls(session.played);
     this.freezePanels();

@@ -13,7 +13,7 @@ export interface Hold {
   (wish: Wish, stamp: number, held: boolean): void;
 }
 
-export class Grasp {
+export class Drag {
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private holding: number | null = null;
   private wish: Wish | null = null;
