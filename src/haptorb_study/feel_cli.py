@@ -234,7 +234,7 @@ def feel_with_console(
     from haptorb.web.server import freeze_garbage
     from haptorb.web.session import target_scene
     from haptorb.worlds.base import values as parameter_values
-    from haptorb_study.feel.design_panel import DesignPanel
+    from haptorb_study.feel.feel_panel import FeelPanel
     from haptorb_study.feel.terminal_commands import HELP, read_lines, wait_for_lines
     from haptorb_study.feel.trace_collector import world_key
 
@@ -273,7 +273,7 @@ def feel_with_console(
     if where.warning:
         notify(where.warning)
     try:
-        with Console(servo, port, designs=DesignPanel(live), where=where) as console, freeze_garbage(), servo:
+        with Console(servo, port, designs=FeelPanel(live), where=where) as console, freeze_garbage(), servo:
             live.attach(servo)
             live.notify = notify
             notify(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")

@@ -11,7 +11,7 @@ import haptorb_study.feel
 from browser.screen_check import find_faults
 from haptorb.web.console import Console
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.feel_panel import FeelPanel
 from haptorb_study.feel.live_session import LiveSession
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -24,7 +24,7 @@ def test_the_panel_fits_every_screen_and_is_worked_with_keys(
 ) -> None:
     session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
     live = LiveSession(session, list(session.candidates.designs), person="P1", seed=1)
-    with Console(fake, 0, force_map=painting, designs=DesignPanel(live)) as console, kit.serve(console):
+    with Console(fake, 0, force_map=painting, designs=FeelPanel(live)) as console, kit.serve(console):
         page = browser.new_page(viewport=kit.DESK)
         screen = kit.Screen(page, console.url)
         screen.until("haptorb.control")

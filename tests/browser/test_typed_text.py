@@ -19,7 +19,7 @@ import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.database import database
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.feel_panel import FeelPanel
 from haptorb_study.feel.live_session import LiveSession
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.study_server import StudyServer
@@ -237,7 +237,7 @@ def test_the_person_of_a_feel_session(
 ) -> None:
     session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
     live = LiveSession(session, list(session.candidates.designs), person="P0", seed=1)
-    with Console(fake, 0, force_map=painting, designs=DesignPanel(live)) as console, kit.serve(console):
+    with Console(fake, 0, force_map=painting, designs=FeelPanel(live)) as console, kit.serve(console):
         screen = kit.Screen(browser.new_page(viewport=kit.DESK), console.url)
         page, used = screen.page, 0
         screen.until("haptorb.control")

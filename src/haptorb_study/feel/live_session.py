@@ -1,6 +1,6 @@
 """A feel session while its servo runs: current design, person, ratings. Shared by page and terminal.
 
-`DesignPanel` executes the commands of a page, `execute_line` those of the terminal. A rating is durable when its
+`FeelPanel` executes the commands of a page, `execute_line` those of the terminal. A rating is durable when its
 method returns.
 """
 

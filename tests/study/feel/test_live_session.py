@@ -15,7 +15,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.recording.row import RowLayout
 from haptorb_study.feel import FeelSession, course, load_designs
-from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.feel_panel import FeelPanel
 from haptorb_study.feel.live_session import LiveSession
 from haptorb_study.feel.terminal_commands import execute_line, read_lines
 from haptorb_study.feel.torque_scale import ScaleLimits, TrueScale
@@ -139,15 +139,15 @@ def test_wrong_scores_change_nothing(kept: FeelSession) -> None:
     before = live.describe()
     for wrong in (0, 8, -1, 3.0, "5", True, None, 10**30):
         with pytest.raises(InputError, match="whole number from 1 to 7"):
-            DesignPanel(live).execute({"act": "rate", "score": wrong, "feeling": before["feeling"]})
+            FeelPanel(live).execute({"act": "rate", "score": wrong, "feeling": before["feeling"]})
     for number in (0, 5, "1", None):
         with pytest.raises(UnknownName):
-            DesignPanel(live).execute({"act": "feel", "number": number})
+            FeelPanel(live).execute({"act": "feel", "number": number})
     for command in ({"act": "dance"}, {}, {"act": "pair", "slot": "c", "number": 1}, {"act": ["rate"]}):
         with pytest.raises(InputError):
-            DesignPanel(live).execute(command)
+            FeelPanel(live).execute(command)
     with pytest.raises(InputError, match="code"):
-        DesignPanel(live).execute({"act": "person", "person": "x" * 41})
+        FeelPanel(live).execute({"act": "person", "person": "x" * 41})
     assert live.describe() == before
     assert kept.ratings() == ()
 
@@ -160,22 +160,22 @@ def test_nothing_that_a_page_gets_tells_a_hidden_design(kept: FeelSession) -> No
         assert design.title not in told
     live.rate(2)
     assert kept.ratings()[0].blind
-    DesignPanel(live).execute({"act": "hide", "hide": False})
+    FeelPanel(live).execute({"act": "hide", "hide": False})
     assert live.describe()["label"] == live.current.title
     order = [one["label"] for one in live.describe()["designs"]]
     live.feel_next()
     live.rate(7)
-    DesignPanel(live).execute({"act": "hide", "hide": True})  # what was rated openly would tell which it is
+    FeelPanel(live).execute({"act": "hide", "hide": True})  # what was rated openly would tell which it is
     assert [one["score"] for one in live.describe()["designs"] if one["score"] is not None] == [2]
-    DesignPanel(live).execute({"act": "hide", "hide": False})
+    FeelPanel(live).execute({"act": "hide", "hide": False})
     assert sorted(one["label"] for one in live.describe()["designs"]) == sorted(order)
 
 
 def test_a_and_b_are_felt_by_their_slot(kept: FeelSession) -> None:
     live, _ = start(kept)
-    DesignPanel(live).execute({"act": "pair", "slot": "a", "number": 3})
-    DesignPanel(live).execute({"act": "pair", "slot": "b", "number": 1})
-    DesignPanel(live).execute({"act": "slot", "slot": "a"})
+    FeelPanel(live).execute({"act": "pair", "slot": "a", "number": 3})
+    FeelPanel(live).execute({"act": "pair", "slot": "b", "number": 1})
+    FeelPanel(live).execute({"act": "slot", "slot": "a"})
     first = live.describe()
     assert (first["a"], first["b"], first["number"]) == (3, 1, 3)
     execute_line(live, "b")
@@ -226,10 +226,10 @@ def test_the_gain_goes_as_far_as_stability_and_device_allow(kept: FeelSession) -
     live, servo = start(kept)
     for wrong in (1.5, 0.0, -1, float("nan"), "1", True, None):  # nobody knows yet what is stable
         with pytest.raises(InputError, match="gain"):
-            DesignPanel(live).execute({"act": "scale", "scale": wrong})
+            FeelPanel(live).execute({"act": "scale", "scale": wrong})
     assert not hasattr(servo, "scale")
     live.set_limits(ScaleLimits(2.2, "the stability check allows 2.2"))
-    DesignPanel(live).execute({"act": "scale", "scale": 2})
+    FeelPanel(live).execute({"act": "scale", "scale": 2})
     assert servo.scale == 2.0
     assert live.describe()["gain"]["hand"] == pytest.approx(0.4)
     with pytest.raises(InputError, match="stability check allows"):

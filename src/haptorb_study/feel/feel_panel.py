@@ -8,11 +8,11 @@ from typing import Any, final
 from haptorb.errors import InputError, quote
 from haptorb_study.feel.live_session import LiveSession, check_slot
 
-__all__ = ["DesignPanel"]
+__all__ = ["FeelPanel"]
 
 
 @final
-class DesignPanel:
+class FeelPanel:
     """Adapter of `live` to the console (`console_hub.DesignSession`)."""
 
     def __init__(self, live: LiveSession) -> None:

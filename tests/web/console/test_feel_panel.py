@@ -15,7 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.design_panel import DesignPanel
+from haptorb_study.feel.feel_panel import FeelPanel
 from haptorb_study.feel.live_session import LiveSession
 
 pytestmark = pytest.mark.realtime
@@ -32,7 +32,7 @@ def live(tmp_path: Path) -> LiveSession:
 @pytest.fixture
 def console(servo: Any, live: LiveSession) -> Iterator[Console]:
     flat = lambda name, values, model, points: (0 * points[:, 0], points[:, 0] > 9)  # noqa: E731
-    with Console(servo, 0, force_map=flat, designs=DesignPanel(live)) as console:
+    with Console(servo, 0, force_map=flat, designs=FeelPanel(live)) as console:
         serving = threading.Thread(target=console.serve)
         serving.start()
         yield console
