@@ -34,7 +34,7 @@ from haptorb.errors import DriverError
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.estimation.types import Estimator
-from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.emulator_process import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
 from haptorb_papers.reproduce.zarate2020.hall_position import clamp_tool, shell_places
 

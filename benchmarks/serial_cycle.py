@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 from haptorb.runtime.drivers.serial import BAUD, Board
 from haptorb.runtime.drivers.serial_protocol import READING, READING_BYTES, BoardMode, Frame, encode, set_duties
 

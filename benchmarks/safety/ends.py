@@ -44,7 +44,7 @@ from typing import Any
 
 from haptorb.control.trips import GuardState, Trip
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 from haptorb.runtime.linux import start
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 

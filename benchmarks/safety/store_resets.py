@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 from haptorb.runtime.drivers.serial import Board
 from haptorb.runtime.drivers.serial_protocol import Refusal
 

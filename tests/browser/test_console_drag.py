@@ -18,7 +18,7 @@ import pytest
 
 from firmware.make_firmware import make_firmware
 from haptorb.control.trips import GuardState, Trip
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

@@ -21,7 +21,7 @@ from haptorb.control.trips import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.drivers.base import Driver
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 from haptorb.runtime.drivers.i2c import I2cDriver
 from haptorb.runtime.drivers.serial import SerialDriver
 from haptorb.runtime.drivers.sim import SimDriver

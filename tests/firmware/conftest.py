@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from firmware.make_firmware import make_firmware
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 
 
 @pytest.fixture(scope="session")

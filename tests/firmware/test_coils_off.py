@@ -17,7 +17,7 @@ import pytest
 
 from firmware.make_firmware import make_firmware
 from haptorb.errors import DriverError
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 
 pytestmark = [pytest.mark.firmware, pytest.mark.realtime, pytest.mark.timeout(1200)]
 

@@ -16,7 +16,7 @@ import pytest
 from haptorb.cli.board_tools import emulate
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.runtime.drivers.board_emulator import Emulator
+from haptorb.runtime.drivers.emulator_process import Emulator
 from haptorb.runtime.drivers.serial import Board, SerialDriver
 from haptorb.runtime.drivers.serial_protocol import BoardMode, Reason, Refusal, refusal
 

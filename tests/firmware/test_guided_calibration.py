@@ -14,7 +14,7 @@ from haptorb.cli.calibration_measurement import Pace
 from haptorb.cli.calibration_steps import CalibrationEffort, Step
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.emulator_process import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
 from haptorb.runtime.servo_process import disagreement
 

@@ -16,7 +16,7 @@ from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.runtime.drivers.base import Driver, invalid_pose
-from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.emulator_process import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.serial import SerialDriver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick

@@ -20,7 +20,7 @@ from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.estimation.types import Sample
 from haptorb.runtime.drivers import i2c_chips
 from haptorb.runtime.drivers.base import Driver
-from haptorb.runtime.drivers.board_emulator import EmulatedDevice, Emulator
+from haptorb.runtime.drivers.emulator_process import EmulatedDevice, Emulator
 from haptorb.runtime.drivers.i2c import LinuxPort
 from haptorb.runtime.drivers.i2c_chips import HallSelect, I2cBus, Pca9685, bus_list
 from haptorb.runtime.drivers.serial import Board, port_list
