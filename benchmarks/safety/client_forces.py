@@ -42,7 +42,7 @@ from haptorb.serve.base import ServedDevice
 from haptorb.serve.haply import reply
 from haptorb.serve.haply_protocol import Service
 from haptorb.worlds import Dome, Fluid, Remote
-from haptorb.worlds.dynamic import FADE, HOLD
+from haptorb.worlds.client_force import FADE, HOLD
 
 DT = 1e-3
 GAPS = (0, 0, 1, 1, 2, 7)  #: ticks between two events

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptorb import worlds
 from haptorb.devices.base import DeviceText
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import load
@@ -165,3 +166,9 @@ def test_every_world_that_an_older_recording_names_is_found() -> None:
         world = load_noted_world(json.dumps(note))
         assert type(world).__name__ == note["made"]["kind"].partition(":")[2], name
         assert json.loads(note_world(world))["made"]["fields"].keys() >= note["made"]["fields"].keys(), name
+
+
+def test_a_clients_force_is_found_by_the_module_it_had_before() -> None:
+    """Until 28 November 2026 it was in `worlds.dynamic`, with worlds that are still there."""
+    note = {"kind": "haptorb.worlds.dynamic:Remote", "fields": {"limit": 10.0}}
+    assert load_noted_world(json.dumps({"made": note})) == worlds.Remote(limit=10.0)

@@ -27,7 +27,7 @@ from haptorb.replay.recorded_run import list_memory_fields
 from haptorb.replay.replay import Replay, check_replay_file
 from haptorb.runtime.tick_state import save_state
 from haptorb.worlds import Fluid, RollingBall
-from haptorb.worlds.dynamic import Remote
+from haptorb.worlds.client_force import Remote
 from haptorb.worlds.user_world import WorldFile, note_start
 from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain

@@ -28,7 +28,8 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick, WorldBudget
 from haptorb.runtime.tick_log import MODEL, TickCommand, TickFailure
 from haptorb.worlds import Dome, Fluid, Friction, Nothing, RollingBall, Sum, World, find_world
-from haptorb.worlds.dynamic import BoundWorld, Remote
+from haptorb.worlds.client_force import Remote
+from haptorb.worlds.dynamic import BoundWorld
 from haptorb.worlds.scene import parse_scene_file
 from haptorb.worlds.user_world import FunctionWorld
 from oracles.recorded_chain import Deed, record_chain

@@ -10,7 +10,7 @@ import pytest
 from haptorb.serve.base import LATE
 from haptorb.serve.haply import reply
 from haptorb.serve.haply_protocol import Service
-from haptorb.worlds.dynamic import HOLD
+from haptorb.worlds.client_force import HOLD
 
 
 def push(x, **more):

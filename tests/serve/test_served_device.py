@@ -11,7 +11,7 @@ from haptorb.runtime.shared_memory import CAPACITY, Phase, Word
 from haptorb.runtime.world_change import description
 from haptorb.serve import base
 from haptorb.worlds import Remote, Terrain
-from haptorb.worlds.dynamic import FADE
+from haptorb.worlds.client_force import FADE
 
 
 def test_who_commands_first_holds_the_device_until_the_connection_is_lost(bench):

@@ -8,7 +8,8 @@ import pytest
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.worlds import Remote, Terrain, Wall
-from haptorb.worlds.dynamic import FADE, HOLD, BoundWorld, make_client_force
+from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.dynamic import BoundWorld, make_client_force
 
 STATE = State.at((0.0, 0.0, 0.05))
 

@@ -9,7 +9,7 @@ import pytest
 from haptorb.errors import InputError
 from haptorb.runtime.world_change import change_world, description, name_of, values_of
 from haptorb.worlds import Dome, Remote, RollingBall, Wall
-from haptorb.worlds.dynamic import split_remote
+from haptorb.worlds.client_force import split_remote
 
 
 def test_name_and_values_are_those_of_the_world() -> None:

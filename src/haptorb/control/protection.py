@@ -14,6 +14,7 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, StateArray, Stateful, state_zeros
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.control import guard
+from haptorb.control.client_force import pass_over
 from haptorb.control.drive import check_currents, choose_duties, lag_of, rest_coils
 from haptorb.control.guard import (
     begin_tick,
@@ -23,7 +24,6 @@ from haptorb.control.guard import (
     limit_wrench,
     make_coils,
     make_state,
-    pass_over,
     trip,
 )
 from haptorb.control.heat import observe_heat

@@ -26,15 +26,8 @@ from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
 from haptorb.runtime.world_change import description
 from haptorb.worlds.base import World, check_part, parameters
-from haptorb.worlds.dynamic import (
-    CLIENT_FORCE,
-    BoundWorld,
-    DynamicWorld,
-    MemoryField,
-    Remote,
-    join_remote,
-    split_remote,
-)
+from haptorb.worlds.client_force import Remote, join_remote, split_remote
+from haptorb.worlds.dynamic import CLIENT_FORCE, BoundWorld, DynamicWorld, MemoryField
 from haptorb.worlds.user_world import find_world_file, load_noted_world
 
 __all__ = [

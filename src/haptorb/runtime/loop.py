@@ -28,7 +28,7 @@ from haptorb.runtime.tick_state import TickState
 from haptorb.runtime.world_change import answer, change_world, description, name_of, parse_request, postponement
 from haptorb.runtime.world_loading import LoadedWorld, WorldLoader
 from haptorb.worlds.base import World
-from haptorb.worlds.dynamic import join_remote, split_remote
+from haptorb.worlds.client_force import join_remote, split_remote
 
 __all__ = ["Loop", "count_tick", "load_loop", "publish_row"]
 

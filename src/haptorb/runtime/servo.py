@@ -66,7 +66,8 @@ from haptorb.runtime.world_loading import WorldWatcher
 from haptorb.simulation.hand import PathFunction, ScriptedMotion
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import PARTS, World, WrenchPart
-from haptorb.worlds.dynamic import DynamicWorld, count_numbers, split_remote
+from haptorb.worlds.client_force import split_remote
+from haptorb.worlds.dynamic import DynamicWorld, count_numbers
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.user_world import FileWithRemote, WorldFile
 

@@ -27,7 +27,8 @@ from haptorb.errors import InputError, ServoError
 from haptorb.files import SHARED, FileLock, describe_size_limit, folders
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.linux import END_SIGNALS
-from haptorb.worlds.dynamic import CLIENT_FORCE, FADE, HOLD
+from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.dynamic import CLIENT_FORCE
 
 __all__ = [
     "BINS",

@@ -32,6 +32,7 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.linux import TickTimeout
 from haptorb.runtime.tick_log import NotedLinkage, TickCommand, TickFailure, TickLog
 from haptorb.worlds.base import PARTS, World, WrenchPart
+from haptorb.worlds.client_force import split_remote
 from haptorb.worlds.dynamic import (
     BoundWorld,
     MemoryNotFinite,
@@ -39,7 +40,6 @@ from haptorb.worlds.dynamic import (
     bind_world,
     check_world_period,
     make_client_force,
-    split_remote,
 )
 from haptorb.worlds.user_world import check_wrench, describe_failure
 
@@ -531,7 +531,7 @@ class Tick(Stateful):
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
-        the same with other values without a step (`guard.pass_over`).
+        the same with other values without a step (`client_force.pass_over`).
 
         In another kind of world the object is reset; with other parameters it keeps its pose, and a world with memory
         keeps its memory according to its own rule.

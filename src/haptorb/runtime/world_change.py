@@ -13,7 +13,8 @@ from haptorb import worlds
 from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.worlds.base import World
 from haptorb.worlds.base import values as parameter_values
-from haptorb.worlds.dynamic import DynamicWorld, join_remote, split_remote
+from haptorb.worlds.client_force import join_remote, split_remote
+from haptorb.worlds.dynamic import DynamicWorld
 
 __all__ = [
     "answer",

@@ -31,7 +31,7 @@ from haptorb.runtime.world_change import name_of
 from haptorb.runtime.world_output import show
 from haptorb.worlds.base import World, parameters
 from haptorb.worlds.base import values as parameter_values
-from haptorb.worlds.dynamic import split_remote
+from haptorb.worlds.client_force import split_remote
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.user_world import (
     WorldFile,

@@ -38,7 +38,7 @@ from haptorb.version import __version__
 from haptorb.web.access import LOOPBACK
 from haptorb.worlds import Remote
 from haptorb.worlds.base import World
-from haptorb.worlds.dynamic import HOLD
+from haptorb.worlds.client_force import HOLD
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.user_world import FileWithRemote, WorldFile
 

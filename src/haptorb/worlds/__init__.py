@@ -10,8 +10,9 @@ from haptorb.worlds.ball import RollingBall
 from haptorb.worlds.base import ContactWorld, Shape, Sum, World, parameter
 from haptorb.worlds.basic import Detents, Magnet, Nothing, Texture, Vibration, Wall
 from haptorb.worlds.button import Button
+from haptorb.worlds.client_force import Remote
 from haptorb.worlds.dome import Compass, CompassDome, Dome, domes_apart
-from haptorb.worlds.dynamic import DynamicSum, DynamicWorld, MemoryField, Remote, make_memory
+from haptorb.worlds.dynamic import DynamicSum, DynamicWorld, MemoryField, make_memory
 from haptorb.worlds.fluid import Fluid, StirredFluid
 from haptorb.worlds.friction import Friction, StickSlip
 from haptorb.worlds.guidance import Guidance

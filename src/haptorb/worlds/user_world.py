@@ -28,7 +28,8 @@ from haptorb.file_kind import FileKind
 from haptorb.files import open_regular, read_bytes, read_text, state_folder
 from haptorb.own_code import find_imports
 from haptorb.worlds.base import World
-from haptorb.worlds.dynamic import MemoryNotFinite, Remote, bind_world, join_remote
+from haptorb.worlds.client_force import Remote, join_remote
+from haptorb.worlds.dynamic import MemoryNotFinite, bind_world
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.scene_physics import SceneModel, make_scene_model
 
@@ -489,7 +490,7 @@ def _is_own(facts: os.stat_result) -> bool:
 
 
 _ROOM = "haptorb.worlds."
-#: module of a world in older recordings → present module
+#: module of a world in older recordings, or that and its name → present module
 _EARLIER_MODULES = {
     "haptorb.worlds.basic.detents": "haptorb.worlds.basic",
     "haptorb.worlds.basic.fluid": "haptorb.worlds.fluid",
@@ -501,14 +502,14 @@ _EARLIER_MODULES = {
     "haptorb.worlds.basic.vibration": "haptorb.worlds.basic",
     "haptorb.worlds.basic.wall": "haptorb.worlds.basic",
     "haptorb.worlds.bound_world": "haptorb.worlds.dynamic",
-    "haptorb.worlds.client_force": "haptorb.worlds.dynamic",
     "haptorb.worlds.contact_world": "haptorb.worlds.base",
     "haptorb.worlds.dynamic.ball": "haptorb.worlds.ball",
     "haptorb.worlds.dynamic.button": "haptorb.worlds.button",
     "haptorb.worlds.dynamic.friction": "haptorb.worlds.friction",
-    "haptorb.worlds.dynamic.remote": "haptorb.worlds.dynamic",
-    "haptorb.worlds.dynamic.remote_sum": "haptorb.worlds.dynamic",
+    "haptorb.worlds.dynamic.remote": "haptorb.worlds.client_force",
+    "haptorb.worlds.dynamic.remote_sum": "haptorb.worlds.client_force",
     "haptorb.worlds.dynamic.stirred_fluid": "haptorb.worlds.fluid",
+    "haptorb.worlds.dynamic:Remote": "haptorb.worlds.client_force",
     "haptorb.worlds.dynamic_world": "haptorb.worlds.dynamic",
     "haptorb.worlds.maps.changing": "haptorb.worlds.moving",
     "haptorb.worlds.maps.compass": "haptorb.worlds.dome",
@@ -647,7 +648,7 @@ def _decode(value: Any, depth: int) -> Any:
             raise InputError(f"the scene {path} has changed, or is missing")
         return make_scene_model(path)
     module, _, name = str(value["kind"]).partition(":")
-    module = _EARLIER_MODULES.get(module, module)
+    module = _EARLIER_MODULES.get(f"{module}:{name}", _EARLIER_MODULES.get(module, module))
     if not module.startswith(_ROOM):
         raise InputError(f"{quote(value['kind'])} is not a world of haptorb")
     kind = getattr(import_module(module), name, None)

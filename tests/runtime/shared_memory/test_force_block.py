@@ -6,7 +6,8 @@ import pytest
 
 from haptorb.runtime.shared_memory import BLOCKS, ClientForces, ForceBlock
 from haptorb.runtime.shared_memory import FORCE_BLOCK_WORDS as WORDS
-from haptorb.worlds.dynamic import FADE, HOLD, make_client_force
+from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.dynamic import make_client_force
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from haptorb.errors import InputError
 from haptorb.rotations import rotation_from_euler
 from haptorb.runtime.shared_memory import Word
 from haptorb.serve.native import FACTS, Placement, describe_hardware, prepare
-from haptorb.worlds.dynamic import FADE, HOLD
+from haptorb.worlds.client_force import FADE, HOLD
 from oracles.other_account import as_nobody, needs_root
 from serve.native.conftest import ServedFile
 
