@@ -98,11 +98,11 @@ MUTATIONS = (
     Mutation("control/drive.py", "choose_duties", "largest#1", 1.1, (_Z3,)),
     Mutation("control/drive.py", "_learn_resistance", "volts", 1.1, (_Z3,)),
     # maps of the electromagnet
-    Mutation("devices/electromagnet_model.py", "_dipole_map", "x, y, z@elts[0]", 1.1, (_Z1,)),
-    Mutation("devices/electromagnet_model.py", "_dipole_map", "near@right", None, (_Z1,)),
-    Mutation("devices/electromagnet_model.py", "_dipole_map", "c", -1, (_Z1,)),
-    Mutation("devices/electromagnet_model.py", "_dipole_map", "s", 0, (_P,)),
-    Mutation("devices/electromagnet_model.py", "_dipole_map", "out[3, j]", 0, (_P,)),
+    Mutation("magnetics/dipole.py", "_dipole_map", "x, y, z@elts[0]", 1.1, (_Z1,)),
+    Mutation("magnetics/dipole.py", "_dipole_map", "near@right", None, (_Z1,)),
+    Mutation("magnetics/dipole.py", "_dipole_map", "c", -1, (_Z1,)),
+    Mutation("magnetics/dipole.py", "_dipole_map", "s", 0, (_P,)),
+    Mutation("magnetics/dipole.py", "_dipole_map", "out[3, j]", 0, (_P,)),
     # the electromagnet of coils and core at their true size: the controller's, then the simulation's
     Mutation(_TOOL, "fill_wound", "v2", 1.1, (_WOUND,)),
     Mutation(_TOOL, "fill_wound", "g2", 1.1, (_WOUND,)),

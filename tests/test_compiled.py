@@ -21,7 +21,8 @@ PROGRAM = """
 import sys
 import numpy as np
 from haptorb.devices import electromagnet_model
-from haptorb.devices.electromagnet_model import dipole_per_ampere
+from haptorb.magnetics import dipole
+from haptorb.magnetics.dipole import dipole_per_ampere
 from haptorb.compiled import PostponedKernel
 
 assert "numba" not in sys.modules
@@ -35,7 +36,7 @@ held = [key for module in list(sys.modules.values()) if module.__name__.startswi
 # What was imported before keeps its value, and so do modules that are read from here on.
 from haptorb.magnetics import special
 dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
-kinds = [type(one).__name__ for one in (electromagnet_model.dipole_per_ampere, special.zonal)]
+kinds = [type(one).__name__ for one in (dipole.dipole_per_ampere, special.zonal)]
 print(round(-1e3 * float(K[2, 0]), 1), held, *kinds)
 """
 

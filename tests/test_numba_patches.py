@@ -55,13 +55,13 @@ PROGRAM = """
 import json
 import numpy as np
 from haptorb.compiled import load_compiler
-from haptorb.devices import electromagnet_model
+from haptorb.magnetics import dipole as dipoles
 
 load_compiler()
 from numba.core import codegen
 from numba.core.types.functions import BaseFunction
 
-dipole = electromagnet_model.dipole_per_ampere
+dipole = dipoles.dipole_per_ampere
 K = np.empty((6, 3))
 dipole(2.407, np.diag([0.1, 0.15, 0.2]), np.array([0.01, 0.02, 0.05]), np.eye(3), K)
 changed = ["__wrapped__" in vars(BaseFunction.get_call_type),

@@ -30,7 +30,6 @@ from haptorb.devices.electromagnet_model import (
     PassivePull,
     Windings,
     WoundCoils,
-    dipole_per_ampere,
     ring_per_ampere,
     wound_per_ampere,
 )
@@ -43,7 +42,7 @@ from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, dipole_per_ampere
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 

@@ -16,7 +16,7 @@ from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import Coils, rotation_to_axis
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics.coil import CentredCoil, Coil, coil_and_core
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, fill_per_ampere
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere, pair_sums
 from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
@@ -27,8 +27,6 @@ __all__ = [
     "Windings",
     "WoundCoils",
     "axis_frame",
-    "dipole_per_ampere",
-    "fill_per_ampere",
     "fill_wound",
     "fit_eddy_lag",
     "pull",
@@ -227,66 +225,10 @@ def axis_frame(axis: Array, R: Array) -> None:
 
 
 @kernel
-def _dipole_map(p: Array, axis: Array, moment: float, out: Array) -> None:
-    x, y, z = p[0], p[1], p[2]
-    q = 1.0 / (x * x + y * y + z * z)
-    near = _K * moment * q * np.sqrt(q)
-    c = 3.0 * near * q
-    s = x * axis[0] + y * axis[1] + z * axis[2]
-    for i in range(3):
-        for j in range(3):
-            g = axis[j] * p[i] + axis[i] * p[j] - 5.0 * s * q * p[i] * p[j]
-            if i == j:
-                g += s
-            out[i, j] = c * g  # ∇(m_p · B): symmetric in i and j
-    for j in range(3):
-        bx, by, bz = 3.0 * near * q * p[j] * x, 3.0 * near * q * p[j] * y, 3.0 * near * q * p[j] * z
-        if j == 0:
-            bx -= near
-        elif j == 1:
-            by -= near
-        else:
-            bz -= near
-        out[3, j] = axis[1] * bz - axis[2] * by  # m_p × B
-        out[4, j] = axis[2] * bx - axis[0] * bz
-        out[5, j] = axis[0] * by - axis[1] * bx
-
-
-@kernel
 def _ring_map(rows: Array, p: Array, axis: Array, out: Array) -> None:
     R = np.empty((3, 3))
     axis_frame(axis, R)
     dipole_on_charges(rows, R, p, out)
-
-
-@kernel
-def fill_per_ampere(per_moment: Array, moment_per_current: Array, out: Array) -> None:
-    """out (6, m) = per_moment (6, 3) times moment_per_current (3, m)."""
-    for i in range(6):
-        for k in range(out.shape[1]):
-            total = 0.0
-            for j in range(3):
-                total += per_moment[i, j] * moment_per_current[j, k]
-            out[i, k] = total
-
-
-@kernel
-def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Array, out: Array) -> None:
-    """Fill out (6, m) [N/A, N·m/A] for a point dipole of `moment` [A·m²] along the z axis of R, at p.
-
-    The model of Zárate 2020: equations (1) and (2) are its case of a tool on the axis of m_e (sign of e_t as in
-    erratum E12).
-
-    >>> K = np.empty((6, 1))
-    >>> dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
-    >>> round(-1e3 * float(K[2, 0]), 1)          # the printed 48 mN/A, averaged over the coils
-    48.0
-    """
-    axis, per_moment = np.empty(3), np.empty((6, 3))
-    for i in range(3):
-        axis[i] = R[i, 2]
-    _dipole_map(p, axis, moment, per_moment)
-    fill_per_ampere(per_moment, moment_per_current, out)
 
 
 @kernel

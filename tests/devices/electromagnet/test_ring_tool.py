@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet_model import dipole_per_ampere, ring_per_ampere
+from haptorb.devices.electromagnet_model import ring_per_ampere
 from haptorb.magnetics import dipole
+from haptorb.magnetics.dipole import dipole_per_ampere
 from haptorb.magnetics.magnets import ChargedRing
 
 RING = (6e-3, 2.5e-3, 24e-3, 1.348)
