@@ -28,6 +28,7 @@ from haptorb.analysis.error_sources import (
 from haptorb.arrays import Array
 from haptorb.control.allocation import force_allocator
 from haptorb.devices.base import State, rotation_to_axis
+from haptorb.devices.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet import (
     COILS_AS_POINTS,
     FORCE_JND,
@@ -35,7 +36,7 @@ from haptorb.devices.electromagnet import (
     point_field,
     shell_capability,
 )
-from haptorb.devices.electromagnet_model import CoreDynamics, WoundCoils, fill_wound, pull, ring_per_ampere
+from haptorb.devices.electromagnet_model import WoundCoils, fill_wound, pull, ring_per_ampere
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.display import format_quantity
 from haptorb.errors import UnknownName

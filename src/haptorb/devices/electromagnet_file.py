@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.build_checks import refuse_unbuildable
+from haptorb.devices.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet import (
     CORE_SATURATION,
     DomeContact,
@@ -21,7 +22,7 @@ from haptorb.devices.electromagnet import (
     Tool,
     list_geometry_mistakes,
 )
-from haptorb.devices.electromagnet_model import CoreDynamics, Windings
+from haptorb.devices.electromagnet_model import Windings
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.magnet_grades import Letters, MagnetUse, Temperature
 from haptorb.devices.schema import (

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, fields, vectors
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import Device, State
+from haptorb.devices.core_dynamics import CoreDynamics
 from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
-from haptorb.devices.electromagnet_model import CoreDynamics
 from haptorb.devices.field_sensors import draw_sensors
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
