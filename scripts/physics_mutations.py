@@ -27,7 +27,7 @@ _B, _F6, _F7, _F8 = "bai2012 appendix B", "bai2012 figure 6", "bai2012 figure 7"
 _F4, _TEXT = "bai2012 figure 4", "bai2012 text"
 _Z1, _Z3 = "zarate2020 equations 1 and 2", "zarate2020 equations 3 to 6"
 _Z2F, _Z3F, _HW, _P = "zarate2020 figure 2", "zarate2020 figure 3", "zarate2020 hardware", "zarate2020 forces"
-_TOOL = "devices/electromagnet_model.py"
+_TOOL = "devices/electromagnet_wrench_map.py"
 _CLUTCH, _DOME = "control/linkage.py", "worlds/dome.py"
 _BUILT = "simulation/built_electromagnet.py"
 

@@ -15,12 +15,12 @@ import pytest
 from haptorb._numba_patches import compile_function
 from haptorb.arrays import Array
 from haptorb.compiled import PostponedKernel, kernel, load_compiler, tick_kernel
-from haptorb.devices import electromagnet_model
+from haptorb.devices import electromagnet_wrench_map
 
 PROGRAM = """
 import sys
 import numpy as np
-from haptorb.devices import electromagnet_model
+from haptorb.devices import electromagnet_wrench_map
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import dipole_per_ampere
 from haptorb.compiled import PostponedKernel
@@ -90,8 +90,8 @@ def test_the_recorder_which_compiles_nothing_is_there_without_the_compiler() -> 
 def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None:
     from numba import njit
 
-    postponed = PostponedKernel(electromagnet_model.axis_frame.py_func)  # type: ignore[attr-defined]
-    assert postponed.__wrapped__ is electromagnet_model.axis_frame.py_func  # type: ignore[attr-defined]
+    postponed = PostponedKernel(electromagnet_wrench_map.axis_frame.py_func)  # type: ignore[attr-defined]
+    assert postponed.__wrapped__ is electromagnet_wrench_map.axis_frame.py_func  # type: ignore[attr-defined]
     assert not hasattr(postponed, "_not_there")
 
     @njit  # type: ignore[untyped-decorator]

@@ -20,7 +20,7 @@ from haptorb.devices.electromagnet import (
     find_sensor_field,
     pen_distance,
 )
-from haptorb.devices.electromagnet_model import Windings, fill_wound
+from haptorb.devices.electromagnet_wrench_map import Windings, fill_wound
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
 from haptorb.devices.motor_model import Layout, Regulator, torque_over_sine
 from haptorb.devices.table_cache import load_field_table, load_torque_table

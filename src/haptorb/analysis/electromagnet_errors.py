@@ -36,7 +36,7 @@ from haptorb.devices.electromagnet import (
     point_field,
     shell_capability,
 )
-from haptorb.devices.electromagnet_model import WoundCoils, fill_wound, pull, ring_per_ampere
+from haptorb.devices.electromagnet_wrench_map import WoundCoils, fill_wound, pull, ring_per_ampere
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.display import format_quantity
 from haptorb.errors import UnknownName

@@ -26,7 +26,13 @@ from haptorb.devices.base import (
 )
 from haptorb.devices.build_checks import CERTAIN, BuildCheck, check_wire, compare_fill
 from haptorb.devices.core_dynamics import CoreDynamics
-from haptorb.devices.electromagnet_model import PassivePull, Windings, WoundCoils, ring_per_ampere, wound_per_ampere
+from haptorb.devices.electromagnet_wrench_map import (
+    PassivePull,
+    Windings,
+    WoundCoils,
+    ring_per_ampere,
+    wound_per_ampere,
+)
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device

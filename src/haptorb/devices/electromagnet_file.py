@@ -22,7 +22,7 @@ from haptorb.devices.electromagnet import (
     Tool,
     list_geometry_mistakes,
 )
-from haptorb.devices.electromagnet_model import Windings
+from haptorb.devices.electromagnet_wrench_map import Windings
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.magnet_grades import Letters, MagnetUse, Temperature
 from haptorb.devices.schema import (

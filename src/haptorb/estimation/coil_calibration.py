@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite
 from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
-from haptorb.devices.electromagnet_model import Windings
+from haptorb.devices.electromagnet_wrench_map import Windings
 from haptorb.errors import CalibrationError, InputError
 
 __all__ = [

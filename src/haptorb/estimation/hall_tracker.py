@@ -40,7 +40,7 @@ from haptorb.arrays import (
 from haptorb.compiled import kernel
 from haptorb.devices.base import State, WrenchMap, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.electromagnet_model import axis_frame
+from haptorb.devices.electromagnet_wrench_map import axis_frame
 from haptorb.errors import GeometryError, InputError
 from haptorb.estimation.controller_model import ControllerModel
 from haptorb.estimation.hall_fit import (

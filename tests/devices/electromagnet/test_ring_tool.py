@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet_model import ring_per_ampere
+from haptorb.devices.electromagnet_wrench_map import ring_per_ampere
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import dipole_per_ampere
 from haptorb.magnetics.magnets import ChargedRing

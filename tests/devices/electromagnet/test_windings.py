@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import dblquad
 
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet_model import Windings
+from haptorb.devices.electromagnet_wrench_map import Windings
 from haptorb.devices.loader import load, parse
 from haptorb.errors import DeviceError
 from haptorb.magnetics.coil import coil_and_core
