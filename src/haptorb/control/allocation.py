@@ -11,9 +11,10 @@ import numpy as np
 from numpy import ascontiguousarray
 from numpy.typing import ArrayLike
 
-from haptorb.arrays import Array, Record, Records, check_finite, fields, record, vectors
+from haptorb.arrays import Array, Record, Records, check_finite, fields, record
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.control.limited_currents import NOT_FINITE, solve_bounded_power, solve_compromise
+from haptorb.control.least_power import NOT_FINITE, solve_bounded_power
+from haptorb.control.limited_currents import solve_compromise
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, WrenchMap
 from haptorb.devices.electromagnet import SphericalElectromagnet
@@ -44,7 +45,6 @@ __all__ = [
     "hold_power",
     "is_missing",
     "least_squares_currents",
-    "minimum_power_currents",
     "part_remarks",
     "solve_problem",
     "subtract_passive",
@@ -481,28 +481,6 @@ class LeastSquaresAllocator(Allocator):
 
 _MINIMUM_POWER_CURRENT, _MINIMUM_POWER_POWER = int(Saturation.CURRENT), int(Saturation.POWER)
 _BEYOND = ("scale", "least-squares")
-
-
-def minimum_power_currents(K: ArrayLike, T: ArrayLike) -> Array:
-    """Currents (..., m) [A] for torque T (..., 3) [N·m], torque characteristic K (..., 3, m) [N·m/A], without limits.
-
-    u = Kᵀ (K Kᵀ)⁻¹ T, Bai 2012 eq. (4): minimum Σ u². Raises InputError if K has rank below three.
-
-    >>> minimum_power_currents(np.eye(3), (1.0, 2.0, 3.0)).tolist()
-    [1.0, 2.0, 3.0]
-    """
-    k = check_finite(K, "K")
-    if k.ndim < 2 or k.shape[-2] != 3:
-        raise InputError(f"K must be a torque characteristic, shape (..., 3, m); got shape {k.shape}")
-    torque = vectors(T, "T")
-    left, values, right = np.linalg.svd(k, full_matrices=False)
-    if k.shape[-1] < 3 or (values[..., -1] <= 1e-12 * values[..., 0]).any():
-        raise InputError(
-            "K must have rank 3 (torque about all three axes) for eq. (4); MinimumPowerAllocator reports why not"
-        )
-    inner = np.einsum("...ij,...i->...j", left, torque) / values
-    currents: Array = np.einsum("...ji,...j->...i", right, inner)
-    return currents
 
 
 @tick_kernel
