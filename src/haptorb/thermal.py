@@ -1,4 +1,4 @@
-"""Thermal models: one coil (winding, body, air), and several coupled coils."""
+"""Thermal models: resistance of a warm winding, one coil (winding, body, air), and several coupled coils."""
 
 from __future__ import annotations
 
@@ -12,7 +12,35 @@ from haptorb.arrays import Array, check_finite
 from haptorb.compiled import kernel
 from haptorb.errors import InputError
 
-__all__ = ["ThermalNetwork", "TwoNode", "heat_step", "network_step", "single_time_constant"]
+__all__ = [
+    "ThermalNetwork",
+    "TwoNode",
+    "heat_step",
+    "network_step",
+    "resistance_ratio",
+    "single_time_constant",
+    "warm_ratio",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Resistance of a winding by its temperature.
+
+
+def resistance_ratio(coefficient: float, reference: float, temperature: Array) -> Array:
+    """(m,) resistance over that at `reference` [K], of windings at `temperature` (m,) [K]; coefficient in [1/K].
+
+    >>> resistance_ratio(3.93e-3, 293.15, np.array([293.15, 393.15])).tolist()
+    [1.0, 1.393]
+    """
+    ratio: Array = 1 + coefficient * (temperature - reference)
+    return ratio
+
+
+@kernel
+def warm_ratio(coefficient: float, reference: float, temperature: float) -> float:
+    """The same of one winding, in compiled code."""
+    return 1.0 + coefficient * (temperature - reference)
 
 
 # --------------------------------------------------------------------------------------------------

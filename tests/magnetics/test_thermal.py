@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from haptorb.errors import InputError
-from haptorb.thermal import TwoNode, heat_step, single_time_constant
+from haptorb.thermal import TwoNode, heat_step, resistance_ratio, single_time_constant, warm_ratio
 from oracles.endurance_fit import endurance_fit
 
 COIL = TwoNode(15.0, 73.0, 1.9, 1 / 3)
@@ -152,3 +152,11 @@ def test_bad_input_is_refused():
         COIL.time_to(60, -1)
     with pytest.raises(InputError, match="sustained"):
         single_time_constant(10.0, 5.0, 17.0)
+
+
+def test_copper_warms_as_the_rule_for_machines_says():
+    """IEC 60034-1: the resistances of copper are as 235 + t, with t in °C."""
+    for celsius in (-20.0, 20.0, 75.0, 120.0):
+        ratio = (235.0 + celsius) / (235.0 + 20.0)
+        assert warm_ratio(3.93e-3, 293.15, 273.15 + celsius) == pytest.approx(ratio, rel=1e-3)
+        assert resistance_ratio(3.93e-3, 293.15, np.array([273.15 + celsius])) == pytest.approx(ratio, rel=1e-3)

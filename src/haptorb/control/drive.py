@@ -10,6 +10,7 @@ import numpy as np
 
 from haptorb.arrays import Array, Record, Records
 from haptorb.compiled import kernel
+from haptorb.thermal import warm_ratio
 
 __all__ = ["check_currents", "choose_duties", "lag_of", "rest_coils"]
 
@@ -133,7 +134,7 @@ def check_currents(clock: Record, coils: Records, age: float) -> bool:
         i = c.current
         if not np.isfinite(i):
             continue
-        expected = c.cold * (1.0 + c.coefficient * (c.winding - c.reference))
+        expected = c.cold * warm_ratio(c.coefficient, c.reference, c.winding)
         resistance = expected * c.ratio
         rate = resistance / c.inductance if c.inductance > 0.0 else np.inf
         volts = c.applied * c.voltage - c.model_emf

@@ -17,6 +17,7 @@ import numpy as np
 from haptorb.arrays import Record, Records
 from haptorb.compiled import kernel
 from haptorb.control.guard import SILENCE
+from haptorb.thermal import warm_ratio
 
 __all__ = ["observe_heat", "remaining_time"]
 
@@ -199,7 +200,7 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
         _begin(h, coils)
     for j in range(coils.size):
         c = coils[j]
-        warm = 1.0 + h.coefficient * (c.winding - h.reference)
+        warm = warm_ratio(h.coefficient, h.reference, c.winding)
         x = c.cold * warm * elapsed / c.inductance if c.inductance > 0.0 else np.inf
         square = _mean_square(c.heat_current, c.current, x)
         if held > 0.0:
@@ -246,7 +247,7 @@ def _warm(h: Record, coils: Records, dt: float) -> None:
         winding, body = c.winding, c.body
         to_body, to_air = h.winding_to_body * (winding - body), h.body_to_air * (body - h.ambient)
         to_core = c.to_core * (winding - h.core)  # safety: coils-warm-each-other
-        heat = c.heating * (1.0 + h.coefficient * (winding - h.reference))
+        heat = c.heating * warm_ratio(h.coefficient, h.reference, winding)
         # Heat flow out of a node uses the smallest conductance, heat flow into it the largest.
         net = heat - to_body * (least if to_body > 0.0 else most) - to_core * (least if to_core > 0.0 else most)
         c.winding += dt * net / (h.winding_capacity * (least if net > 0.0 else most))

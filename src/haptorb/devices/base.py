@@ -20,7 +20,7 @@ from haptorb.display import Presentable, facts_html, format_number, format_quant
 from haptorb.errors import InputError, UnknownName
 from haptorb.files import parse_toml
 from haptorb.magnetics.coil import COPPER_RESISTIVITY
-from haptorb.thermal import ThermalNetwork, TwoNode
+from haptorb.thermal import ThermalNetwork, TwoNode, resistance_ratio
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -613,8 +613,7 @@ class Coils:
 
     def resistance_at(self, temperature: Array) -> Array:
         """(m,) resistance [Ω] at winding `temperature` (m,) [K]."""
-        warm: Array = self.resistance * (1 + self.temperature_coefficient * (temperature - self.reference_temperature))
-        return warm
+        return self.resistance * resistance_ratio(self.temperature_coefficient, self.reference_temperature, temperature)
 
 
 @dataclass(frozen=True)

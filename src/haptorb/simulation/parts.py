@@ -21,7 +21,7 @@ from haptorb.devices.coil_array import ArrayMover
 from haptorb.devices.electromagnet import DomeContact, Hand, Tool
 from haptorb.devices.field_sensors import FieldSensors, SensorSpecimen
 from haptorb.errors import InputError, UnknownName
-from haptorb.thermal import heat_step, network_step
+from haptorb.thermal import heat_step, network_step, warm_ratio
 
 __all__ = [
     "COIL",
@@ -96,7 +96,7 @@ def chop(duties: Array, steps: float, out: Array) -> None:
 @kernel
 def _drive(c: Record, dt: float) -> float:
     """Advance the current of a COIL by `dt` [s] under its duty and emf; returns the mean heating power [W]."""
-    resistance = c.resistance * (1.0 + c.coefficient * (c.winding - c.reference))
+    resistance = c.resistance * warm_ratio(c.coefficient, c.reference, c.winding)
     end = (c.duty * c.voltage - c.emf) / resistance
     gap = c.current - end
     x = resistance * dt / c.inductance
