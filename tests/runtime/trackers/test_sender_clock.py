@@ -13,9 +13,10 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.runtime.shared_memory import WORDS, PoseBlock
 from haptorb.runtime.trackers import lsl
-from haptorb.runtime.trackers.base import RawPose, SenderClock
+from haptorb.runtime.trackers.base import RawPose
 from haptorb.runtime.trackers.osc import OscFeed
 from haptorb.runtime.trackers.pose_filter import PoseFilter
+from haptorb.runtime.trackers.sender_clock import SenderClock
 
 
 def test_a_senders_clock_shows_what_was_held_up() -> None:

@@ -18,7 +18,8 @@ from xml.etree import ElementTree
 
 from haptorb.errors import DriverError
 from haptorb.runtime.sockets import is_own_account, listener_owner
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.sender_clock import SenderClock
 
 __all__ = ["CHANNELS", "THIS_COMPUTER", "LslFeed", "StreamWatch", "lsl_stream", "name_source"]
 

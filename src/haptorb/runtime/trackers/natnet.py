@@ -20,7 +20,8 @@ import numpy as np
 
 from haptorb.errors import DriverError
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.sender_clock import SenderClock
 
 __all__ = ["PORT", "NatNetFeed", "natnet_socket"]
 

@@ -27,8 +27,9 @@ import numpy as np
 
 from haptorb.errors import DriverError, InputError, quote
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
-from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, SenderClock
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.formats import FormatReader, ReadPose
+from haptorb.runtime.trackers.sender_clock import SenderClock
 
 __all__ = ["LOST", "POSE", "OscFeed", "Single", "loopback", "osc_socket", "read_packet"]
 

@@ -17,8 +17,9 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.control.trips import Trip
 from haptorb.runtime.shared_memory import PoseBlock, PoseRecord
-from haptorb.runtime.trackers.base import RESTART_SILENCE, Feed, RawPose, RejectedPose
+from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.registry import has_feed
+from haptorb.runtime.trackers.sender_clock import RESTART_SILENCE
 
 __all__ = ["REASONS", "PoseFilter", "describe_missing_pose", "describe_source", "describe_trip"]
 
