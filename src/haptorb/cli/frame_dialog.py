@@ -18,7 +18,7 @@ from haptorb.arrays import Array
 from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError
-from haptorb.estimation.tracker_frame import FrameRegistration, Touches, TouchSession, frame_registration
+from haptorb.estimation.frame_registration import FrameRegistration, Touches, TouchSession, frame_registration
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.osc import POSE
 from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker

@@ -16,7 +16,7 @@ from haptorb.arrays import Array
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
-from haptorb.estimation.tracker_frame import Touches, TouchSession
+from haptorb.estimation.frame_registration import Touches, TouchSession
 
 __all__ = ["SimulatedPerson", "SyntheticTracker"]
 

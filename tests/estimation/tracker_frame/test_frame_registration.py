@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError
-from haptorb.estimation.tracker_frame import (
+from haptorb.estimation.frame_registration import (
     FrameFit,
     Touches,
     TouchSession,
