@@ -19,6 +19,7 @@ from haptorb.control.trips import CoilState
 from haptorb.errors import InputError, ServoError
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.report import loop_report
+from haptorb.runtime.ring_buffer import RingBuffer
 from haptorb.runtime.shared_memory import (
     CAPACITY,
     SIZE,
@@ -26,7 +27,6 @@ from haptorb.runtime.shared_memory import (
     WORLDS,
     Phase,
     PointerBlock,
-    RingBuffer,
     SharedMemory,
     TextSlot,
     Word,
