@@ -9,7 +9,8 @@ from difflib import get_close_matches
 from typing import Any, Literal, TypeVar, final
 
 from haptorb.devices.base import Device, DeviceText, kind_of_name
-from haptorb.devices.loader import DeviceTables, build_tables, lay_over_base, read_tables
+from haptorb.devices.based_on import lay_over_base
+from haptorb.devices.loader import DeviceTables, build_tables, read_tables
 from haptorb.devices.schema import find_key
 from haptorb.errors import InputError, UnknownName, quote
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -12,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from haptorb.devices.base import Device, DeviceText, kind_names, kind_of_name
+from haptorb.devices.based_on import drop_keys, has_key, is_table, lay_over_base
 from haptorb.devices.build_checks import BuildError
+from haptorb.devices.quantity import strip_provenance
 from haptorb.devices.schema import explain_mistakes
-from haptorb.errors import DeviceError, InputError, UnknownName, quote
+from haptorb.errors import DeviceError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
 from haptorb.files import parse_toml, read_text
 
@@ -23,7 +24,6 @@ __all__ = [
     "build_tables",
     "catalogue",
     "find_device",
-    "lay_over",
     "list_mistakes",
     "load",
     "parse",
@@ -162,7 +162,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):
-            plain = {key: _strip_provenance(value, key, assumed) for key, value in tables.values.items()}
+            plain = {key: strip_provenance(value, key, assumed) for key, value in tables.values.items()}
             file = file_class.model_validate(plain)
             if tables.file is not None:
                 _refuse_idle(tables.file, file)
@@ -210,7 +210,7 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
 
     file_class = kind_of_name(str(tables.values["kind"])).require_file(tables.name)
     try:
-        file_class.model_validate({key: _strip_provenance(value, key, {}) for key, value in tables.values.items()})
+        file_class.model_validate({key: strip_provenance(value, key, {}) for key, value in tables.values.items()})
     except ValidationError as cause:
         return [
             ([part + 1 if isinstance(part, int) else part for part in error["loc"]], sentence)
@@ -218,24 +218,6 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
             for sentence in explain_mistakes([error], file_class)
         ]
     return []
-
-
-def lay_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """`below` overridden by `above`: tables are merged, values and lists replaced.
-
-    >>> lay_over({"dome": {"radius": "30 mm", "friction": 0.1}}, {"dome": {"radius": "31 mm"}})
-    {'dome': {'radius': '31 mm', 'friction': 0.1}}
-    """
-    merged = dict(below)
-    for key, value in above.items():
-        both = isinstance(value, Mapping) and isinstance(below.get(key), Mapping) and "value" not in value
-        merged[key] = lay_over(below[key], value) if both else value
-    return merged
-
-
-def lay_over_base(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """As `lay_over`, of the tables of a base device; what `above` states in another way is no longer the base's."""
-    return lay_over(_drop_keys(below, _find_replaced(below, above)), above)
 
 
 def _lay_over_bases(content: str, name: str, bases: Mapping[str, str] | None) -> DeviceTables:
@@ -269,65 +251,13 @@ def _load_with_base(
         )
     raw.setdefault("title", f"{below.get('title')} ({raw['name']})")
     try:
-        below = _drop_keys(below, drop)
-        again = [key for key in drop if _has_key(raw, key) and not _is_table(raw, key)]
+        below = drop_keys(below, drop)
+        again = [key for key in drop if has_key(raw, key) and not is_table(raw, key)]
         if again:
             raise ValueError(f"drop: {quote(again[0])} has no effect: the file states this key itself; leave one out")
     except ValueError as cause:
         raise DeviceError(f"device '{name}': {cause}") from cause
     return lay_over_base(below, raw), whole + content, {base: text, **found}
-
-
-def _find_replaced(below: Mapping[str, Any], above: Mapping[str, Any]) -> list[str]:
-    """Keys of the base `below` in whose place `above` states an alternative: two ways to say the same do not add."""
-    ours, theirs = above.get("windings"), below.get("windings")
-    if not isinstance(ours, Mapping) or not isinstance(theirs, Mapping):
-        return []
-    wire = ("windings.wire", "windings.wire_overall")
-    replaced = (*wire, *_OF_FILL) if "fill" in ours else ("windings.fill",) if "wire" in ours else ()
-    return [key for key in replaced if _has_key(below, key) and not _has_key(above, key)]
-
-
-#: What a variant that states `windings.fill` has of its windings, instead of what its base states
-_OF_FILL = (
-    "electromagnet.moment_per_current", "coils.resistance", "coils.inductance", "coils.heat.winding_capacity",
-)  # fmt: skip
-
-
-def _has_key(values: Any, key: str) -> bool:
-    for part in key.split("."):
-        if not isinstance(values, Mapping) or "value" in values or part not in values:
-            return False
-        values = values[part]
-    return True
-
-
-def _drop_keys(values: Mapping[str, Any], drop: Any) -> dict[str, Any]:
-    """A copy of `values` without the keys that `drop` lists, dotted. ValueError for one that is not there.
-
-    >>> _drop_keys({"hall": {"noise": 0.1, "step": 0.2}}, ["hall.noise"])
-    {'hall': {'step': 0.2}}
-    """
-    if not isinstance(drop, list) or not all(isinstance(key, str) for key in drop):
-        raise ValueError(
-            f"drop must be a list of keys of the base device, such as ['windings.wire']; got {quote(drop)}"
-        )
-    kept = copy.deepcopy(dict(values))
-    for key in drop:
-        *path, last = key.split(".")
-        table: Any = kept
-        for part in path:
-            table = table.get(part) if isinstance(table, dict) and "value" not in table else None
-        if not isinstance(table, dict) or "value" in table or last not in table:
-            raise ValueError(f"drop: the base device has no key {quote(key)}")
-        del table[last]
-    return kept
-
-
-def _is_table(values: Any, key: str) -> bool:
-    for part in key.split("."):
-        values = values[part]
-    return isinstance(values, Mapping) and "value" not in values
 
 
 def _read_base(base: str, name: str, bases: Mapping[str, str] | None) -> tuple[str, str]:
@@ -338,36 +268,3 @@ def _read_base(base: str, name: str, bases: Mapping[str, str] | None) -> tuple[s
     if base not in catalogue():
         raise DeviceError(f"device '{name}': the file of {quote(base)}, which it is based on, is missing")
     return _read(base)
-
-
-def _strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:
-    """The value without its provenance; what is assumed, and why, goes into `assumed`."""
-    if isinstance(value, list):
-        return [_strip_provenance(part, f"{path}.{number}", assumed) for number, part in enumerate(value, 1)]
-    if not isinstance(value, Mapping):
-        return value
-    if "value" not in value:
-        return {key: _strip_provenance(part, f"{path}.{key}", assumed) for key, part in value.items()}
-    strange = set(value) - {"value", "unit", "assumed", "source"}
-    if strange:
-        raise InputError(
-            f"{path}.{quote(min(strange))[1:-1]}: a value has only the keys value, unit, source and assumed"
-        )
-    if "assumed" in value:
-        if not isinstance(value["assumed"], str) or not value["assumed"].strip():
-            raise InputError(f"{path}.assumed must give the reason for the value")
-        assumed[path] = value["assumed"]
-    return _with_unit(value["value"], str(value["unit"]), path) if "unit" in value else value["value"]
-
-
-def _with_unit(value: Any, unit: str, path: str) -> Any:
-    if isinstance(value, list):
-        return [_with_unit(item, unit, "") for item in value]
-    if isinstance(value, str) and path:
-        raise InputError(
-            f"{path}.unit ({quote(unit)}) has no effect: the value {quote(value)} is a text with a unit of its own; "
-            "leave the unit out, or give the value as a number"
-        )
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return (value, unit)
-    return value

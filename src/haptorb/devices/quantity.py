@@ -11,6 +11,7 @@ import re
 import shutil
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -21,7 +22,7 @@ from pydantic import BeforeValidator
 
 from haptorb.cache_folder import private_folder
 from haptorb.devices.units import AMBIGUOUS, convert, explain_unit, split_unit, usual_units
-from haptorb.errors import quote
+from haptorb.errors import InputError, quote
 
 __all__ = [
     "Angle",
@@ -56,6 +57,7 @@ __all__ = [
     "TurnStiffness",
     "Voltage",
     "si",
+    "strip_provenance",
 ]
 
 _MAX_VALUE_CHARACTERS = 100  #: characters of a value
@@ -210,3 +212,36 @@ Conductance = Annotated[float, _unit_validator("W/K", "a heat conductance")]
 FieldDrift = Annotated[float, _unit_validator("T/K", "a flux density per kelvin")]
 MagneticMoment = Annotated[float, _unit_validator("A*m**2", "a magnetic moment")]
 InverseKelvin = Annotated[float, _unit_validator("1/K", "a temperature coefficient")]
+
+
+def strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:
+    """The value without its provenance; what is assumed, and why, goes into `assumed`."""
+    if isinstance(value, list):
+        return [strip_provenance(part, f"{path}.{number}", assumed) for number, part in enumerate(value, 1)]
+    if not isinstance(value, Mapping):
+        return value
+    if "value" not in value:
+        return {key: strip_provenance(part, f"{path}.{key}", assumed) for key, part in value.items()}
+    strange = set(value) - {"value", "unit", "assumed", "source"}
+    if strange:
+        raise InputError(
+            f"{path}.{quote(min(strange))[1:-1]}: a value has only the keys value, unit, source and assumed"
+        )
+    if "assumed" in value:
+        if not isinstance(value["assumed"], str) or not value["assumed"].strip():
+            raise InputError(f"{path}.assumed must give the reason for the value")
+        assumed[path] = value["assumed"]
+    return _with_unit(value["value"], str(value["unit"]), path) if "unit" in value else value["value"]
+
+
+def _with_unit(value: Any, unit: str, path: str) -> Any:
+    if isinstance(value, list):
+        return [_with_unit(item, unit, "") for item in value]
+    if isinstance(value, str) and path:
+        raise InputError(
+            f"{path}.unit ({quote(unit)}) has no effect: the value {quote(value)} is a text with a unit of its own; "
+            "leave the unit out, or give the value as a number"
+        )
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (value, unit)
+    return value
