@@ -134,7 +134,7 @@ MUTATIONS = (
     Mutation("devices/tables.py", "torque_characteristic", "out[n, 0, j]", -1, (_E1, _E7, _TEXT)),
     Mutation("devices/tables.py", "torque_characteristic", "out[n, 0, j]", 0, (_TEXT, _E1)),
     Mutation("devices/tables.py", "sensor_field_gradient", "field[n, j, 0]", 1.1, (_TEXT,)),
-    Mutation("control/least_power.py", "solve_bounded_power", "unit", 1.1, (_E1,)),
+    Mutation("control/minimum_power.py", "solve_bounded_power", "unit", 1.1, (_E1,)),
     Mutation("control/linkage.py", "advance_clutch", "position[0]", 1.1, (_E1,)),
     Mutation("control/linkage.py", "advance_clutch", "position[1]", 1.1, (_E1,)),
     Mutation("control/linkage.py", "advance_clutch", "position[2]", 0, (_E1,)),

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, Record, Records, check_finite, fields, record
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.control.least_power import NOT_FINITE, solve_bounded_power
 from haptorb.control.limited_currents import solve_compromise
+from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, WrenchMap
 from haptorb.devices.electromagnet import SphericalElectromagnet

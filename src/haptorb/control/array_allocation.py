@@ -25,7 +25,7 @@ from haptorb.control.allocation import (
     solve_problem,
     subtract_passive,
 )
-from haptorb.control.least_power import NOT_FINITE, solve_bounded_power, solve_least_heat
+from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power, solve_least_heat
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.coil_array import CoilArray
 from haptorb.worlds.base import PARTS, WrenchPart

@@ -10,7 +10,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
 from haptorb.control.array_allocation import ArrayAllocator
-from haptorb.control.least_power import minimum_power_currents, solve_bounded_power
+from haptorb.control.minimum_power import minimum_power_currents, solve_bounded_power
 from haptorb.devices.base import State
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.motor import SphericalMotor

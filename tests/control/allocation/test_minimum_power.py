@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from haptorb.control.allocation import MinimumPowerAllocator
-from haptorb.control.least_power import NOT_FINITE, minimum_power_currents, solve_bounded_power
+from haptorb.control.minimum_power import NOT_FINITE, minimum_power_currents, solve_bounded_power
 from haptorb.devices.base import WrenchMap
 from haptorb.errors import InputError, UnknownName
 
