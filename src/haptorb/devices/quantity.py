@@ -215,7 +215,10 @@ InverseKelvin = Annotated[float, _unit_validator("1/K", "a temperature coefficie
 
 
 def strip_provenance(value: Any, path: str, assumed: dict[str, str]) -> Any:
-    """The value without its provenance; what is assumed, and why, goes into `assumed`."""
+    """The value without its provenance; what is assumed, and why, goes into `assumed`.
+
+    Raises InputError for keys that a value cannot have.
+    """
     if isinstance(value, list):
         return [strip_provenance(part, f"{path}.{number}", assumed) for number, part in enumerate(value, 1)]
     if not isinstance(value, Mapping):
