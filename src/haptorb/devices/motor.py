@@ -190,7 +190,7 @@ class SphericalMotor(Device):
     magnet_use : MagnetUse
         Grade and greatest temperature of the magnets.
     tolerance : MotorTolerance or None
-        Standard deviations of what is built, for the simulation; None: exactly the file's values.
+        Standard deviations of what is built, for simulation and error budget; None: exactly the file's values.
 
     Notes
     -----

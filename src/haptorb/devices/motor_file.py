@@ -370,7 +370,7 @@ class MotorFile(Section):
     ] = None
     tolerance: Annotated[
         MotorTolerance,
-        m.Meaning("standard deviations of what is built from the file, for the simulation"),
+        m.Meaning("standard deviations of what is built from the file, for simulation and error budget"),
         m.Without("the defaults below"),
         Field(default_factory=MotorTolerance),
     ]

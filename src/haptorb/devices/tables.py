@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -31,11 +31,15 @@ __all__ = [
     "PairTable",
     "Progress",
     "chord_pieces",
+    "expand_discs",
+    "expand_loops",
     "field_table",
     "sensor_field",
     "sensor_field_gradient",
     "series_torque",
     "series_torque_table",
+    "tabulate_slopes",
+    "tabulate_values",
     "torque_characteristic",
     "torque_table",
 ]
@@ -273,9 +277,24 @@ def series_torque_table(magnet: CylinderMagnet, magnet_distance: float, coil: Co
     in a motor that can turn; GeometryError otherwise.
     """
     series, left = _energy_series(magnet, magnet_distance, coil, coil_distance)
-    cosines = np.cos(np.pi * (np.arange(len(series)) + 0.5) / len(series))
-    cells, gap = chord_pieces(_chebyshev_series(_sum_slopes(series, cosines))[None], _CELLS)
-    return PairTable(cells, 0.5 * _CELLS, gap + left)
+    table = tabulate_slopes(series[None])
+    return replace(table, bound=table.bound + left)
+
+
+def tabulate_slopes(series: Array) -> PairTable:
+    """The functions Σ series[q, n] Pₙ′(s), one for each row of `series` (q, terms + 1), of s = u·c."""
+    count = series.shape[1]
+    cosines = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    values = np.zeros((len(series), count))
+    for n, slope in _slopes(cosines, count - 1):
+        values += np.outer(series[:, n], slope)
+    return tabulate_values(values)
+
+
+def tabulate_values(values: Array) -> PairTable:
+    """Functions with `values` (q, n) at the cosines s of (i + ½) π/n."""
+    cells, gap = chord_pieces(_chebyshev_series(values), _CELLS)
+    return PairTable(cells, 0.5 * _CELLS, gap)
 
 
 def series_torque(
@@ -301,8 +320,8 @@ def _energy_series(
     unit = np.sqrt(reach * rim)  # powers of lengths stay within the range of numbers
     radii, heights, turns = coil.filaments(_ACROSS, _ALONG)
     charge = magnet.polarization / MU0 * np.array([-1.0, 1.0])
-    loops = _expand_loops(radii / unit, (coil_distance + heights) / unit, turns, terms)
-    faces = _expand_discs(discs / unit, magnet.radius / unit, charge, terms)
+    loops = expand_loops(radii / unit, (coil_distance + heights) / unit, turns, terms)
+    faces = expand_discs(discs / unit, magnet.radius / unit, charge, terms)
     return -MU0 * unit * unit * loops * faces, (reach / rim) ** terms
 
 
@@ -315,15 +334,16 @@ def _sum_slopes(series: Array, cosines: Array) -> Array:
 
 
 def _chebyshev_series(values: Array) -> Array:
+    """(…, n) coefficients in the cosine of `values` (…, n) at the cosines of (i + ½) π/n."""
     from scipy.fft import dct  # a quarter of a second that only those who make tables should wait
 
-    series: Array = dct(values, type=2) / len(values)
-    series[0] *= 0.5
+    series: Array = dct(values, type=2, axis=-1) / values.shape[-1]
+    series[..., 0] *= 0.5
     return series
 
 
-def _expand_loops(radii: Array, heights: Array, turns: Array, terms: int) -> Array:
-    """(terms + 1,) cₙ of all loops per ampere."""
+def expand_loops(radii: Array, heights: Array, turns: Array, terms: int) -> Array:
+    """(terms + 1,) cₙ per ampere of all loops at `radii` and `heights` over the device's centre (f,), with `turns`."""
     r = np.hypot(radii, heights)
     scale = 0.5 * turns * radii * radii  # rⁿ⁺¹ sin²α at n = 1
     out = np.zeros(terms + 1)
@@ -333,8 +353,8 @@ def _expand_loops(radii: Array, heights: Array, turns: Array, terms: int) -> Arr
     return out
 
 
-def _expand_discs(heights: Array, radius: float, charge: Array, terms: int) -> Array:
-    """(terms + 1,) dₙ of the discs."""
+def expand_discs(heights: Array, radius: float, charge: Array, terms: int) -> Array:
+    """(terms + 1,) dₙ of discs of `radius` at `heights` over the device's centre, with `charge` densities (2,)."""
     r = np.hypot(heights, radius)
     scale = 2.0 * np.pi * charge * radius * radius / r**3
     out = np.zeros(terms + 1)

@@ -229,7 +229,7 @@ class MotorUncertainty(ChainUncertainty):
     """[uncertainty] of a spherical motor; `MotorUncertainty()` has the defaults.
 
     >>> MotorUncertainty().coil
-    0.05
+    0.0
     """
 
     current_offset: Annotated[
@@ -245,10 +245,8 @@ class MotorUncertainty(ChainUncertainty):
     ]
     coil: Annotated[
         Share,
-        m.Meaning(
-            "relative torque per ampere of each coil: its position, axis, winding and turns, and those of the magnets"
-        ),
-        Field(default=0.05, validate_default=True),
+        m.Meaning("torque per ampere of each coil, relative, beside what follows from [tolerance]"),
+        Field(default=0.0, validate_default=True),
     ]
     regulator: Annotated[
         Share, m.Meaning("torque of the regulator, relative"), Field(default=0.03, validate_default=True)

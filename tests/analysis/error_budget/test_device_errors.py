@@ -263,8 +263,9 @@ def test_polarization_cancels_where_field_sensors_find_the_strength(motor) -> No
     assert found < 0.02 * tracked
 
 
-def test_coils_regulator_and_weight_act_as_a_motor_rebuilt_with_them(motor) -> None:
-    rng, known = np.random.default_rng(7), PMSM.uncertainty
+def test_coils_regulator_and_weight_act_as_a_motor_rebuilt_with_them() -> None:
+    rng, known = np.random.default_rng(7), PMSM.uncertainty.model_copy(update={"coil": 0.05})
+    motor = motor_errors(replace(PMSM, uncertainty=known), 0.3, "tracker")
     point = motor.draw_point(2, rng)
     state = State.from_rotation(point.R)
     wanted = torque_allocator(PMSM).allocate(PMSM.wrench_map(state, "table"), point.wrench).currents
