@@ -75,6 +75,7 @@ class MotorPoint(NamedTuple):
 
     R: Array  #: (3, 3)
     wrench: Array  #: (6,) [N, N·m]
+    currents: Array  #: (m,) without errors [A]
     field: Array  #: (k, 3) of the model's magnets at the sensors [T]
     solve: Array  #: (4, 3 k) from the residuals of the readings to the rotation [rad/T] and the strength [1/T]
     slopes: MotorSlopes | None  #: of torque and fit by how parts are built; None: they are as in the file
@@ -119,11 +120,9 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         direction = rng.standard_normal(3)
         wrench[3:] = self.asked * direction / np.linalg.norm(direction)
         field, solve = self._linearize(R) if self._senses else (np.empty((0, 3)), np.empty((4, 0)))
-        slopes = None
-        if self._built is not None:
-            nominal = self._allocate(R, 1.0, wrench)
-            slopes = self._built.find(R, device.groups @ nominal, solve)
-        return MotorPoint(R, wrench, field, solve, slopes)
+        currents = self._allocate(R, 1.0, wrench)
+        slopes = None if self._built is None else self._built.find(R, device.groups @ currents, solve)
+        return MotorPoint(R, wrench, currents, field, solve, slopes)
 
     def _allocate(self, believed: Array, strength: float, wrench: Array) -> Array:
         """(m,) [A] for the `wrench` where the rotor is believed to be at an orientation, with magnets of `strength`."""
@@ -159,17 +158,14 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
 
     def wrench_error(self, point: MotorPoint, trial: MotorTrial) -> Array:
         """(3,) about the stator's axes [N·m]."""
-        device, R = self._device, np.empty((3, 3))
-        turn, strength, currents = trial.turn, 1.0, np.zeros(device.channels)
-        believed, field = point.R, self._find_field(point, trial) if self._senses else None
-        # The currents depend on the orientation, and the orientation on readings that include the coils' field, which
-        # is small: two iterations suffice.
-        for _ in range(2 if self._senses else 1):
-            if field is not None:
-                turn, strength = self._fit_readings(point, trial, field, currents)
-            turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, R)
-            believed = R
-            currents = self._loop.true_currents(self._allocate(believed, strength, point.wrench), trial)
+        device, believed = self._device, np.empty((3, 3))
+        turn, strength = trial.turn, 1.0
+        if self._senses:
+            # The readings include the coils' field, of which little is left: currents without an error of orientation
+            # suffice there.
+            turn, strength = self._fit_readings(point, trial, self._loop.true_currents(point.currents, trial))
+        turn_by(float(turn[0]), float(turn[1]), float(turn[2]), point.R, believed)
+        currents = self._loop.true_currents(self._allocate(believed, strength, point.wrench), trial)
         torque = self._torque(point.R, self._polarity * trial.polarization) @ (trial.coils * (device.groups @ currents))
         if point.slopes is not None:
             torque += trial.parts.change_torque(point.slopes)
@@ -187,8 +183,11 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
         torque: Array = out[0]
         return torque
 
-    def _find_field(self, point: MotorPoint, trial: MotorTrial) -> Array:
-        """(k, 3) of the true magnets at the places of the sensors in the file, the magnets at theirs [T]."""
+    def _fit_readings(self, point: MotorPoint, trial: MotorTrial, currents: Array) -> tuple[Array, float]:
+        """(3,) rotation from the true to the estimated orientation [rad], and the estimated strength of the magnets.
+
+        currents (m,) [A] flow.
+        """
         device, pair = self._device, self._device.tables.field_pair
         sensors = device.sensor_layout.directions
         field = np.empty((1, len(sensors), 3))
@@ -196,19 +195,9 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
             pair.cells, pair.scale, device.magnets.directions, self._polarity * trial.polarization, sensors,
             point.R.reshape(1, 3, 3), field,
         )  # fmt: skip
-        found: Array = field[0]
-        return found
-
-    def _fit_readings(
-        self, point: MotorPoint, trial: MotorTrial, field: Array, currents: Array
-    ) -> tuple[Array, float]:  # fmt: skip
-        """(3,) rotation from the true to the estimated orientation [rad], and the estimated strength of the magnets.
-
-        field (k, 3) of the magnets as `_find_field` has it [T]; currents (m,) [A].
-        """
-        true = field + ((trial.coils * (self._device.groups @ currents)) @ self._coil_field).reshape(-1, 3)
+        true = field[0] + ((trial.coils * (device.groups @ currents)) @ self._coil_field).reshape(-1, 3)
         read = trial.read_field(true, self._frames)
-        read -= (trial.read_currents(currents) @ self._device.sensor_field_per_ampere).reshape(-1, 3)
+        read -= (trial.read_currents(currents) @ device.sensor_field_per_ampere).reshape(-1, 3)
         fit = point.solve @ (read - point.field).ravel()
         if point.slopes is not None:
             fit += point.slopes.fit_magnets.reshape(4, -1) @ trial.parts.magnets.ravel()
