@@ -86,7 +86,7 @@ class PartDeviations:
 
 
 def count_layers(device: SphericalMotor) -> Array:
-    """(l,) turns in each layer of a coil, from inside; all but the last are full.
+    """(l,) turns in each layer of a coil [1], from inside; all but the last are full.
 
     One layer with all turns where the wire is thicker than the winding is long.
     """

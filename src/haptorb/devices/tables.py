@@ -343,7 +343,10 @@ def _chebyshev_series(values: Array) -> Array:
 
 
 def expand_loops(radii: Array, heights: Array, turns: Array, terms: int) -> Array:
-    """(terms + 1,) cₙ per ampere of all loops at `radii` and `heights` over the device's centre (f,), with `turns`."""
+    """(terms + 1,) cₙ per ampere of all loops of `radii` and `turns` at `heights` over the device's centre, each (f,).
+
+    Lengths in any unit [m].
+    """
     r = np.hypot(radii, heights)
     scale = 0.5 * turns * radii * radii  # rⁿ⁺¹ sin²α at n = 1
     out = np.zeros(terms + 1)
@@ -354,7 +357,10 @@ def expand_loops(radii: Array, heights: Array, turns: Array, terms: int) -> Arra
 
 
 def expand_discs(heights: Array, radius: float, charge: Array, terms: int) -> Array:
-    """(terms + 1,) dₙ of discs of `radius` at `heights` over the device's centre, with `charge` densities (2,)."""
+    """(terms + 1,) dₙ of two discs of `radius` at `heights` (2,) over the device's centre, with `charge` (2,) per area.
+
+    Lengths in any unit [m], the density in [A/m] of SI lengths.
+    """
     r = np.hypot(heights, radius)
     scale = 2.0 * np.pi * charge * radius * radius / r**3
     out = np.zeros(terms + 1)
