@@ -1,4 +1,4 @@
-"""What all tests share: fixed random examples, no display, the order, and a reason for what cannot run here."""
+"""Common settings of all tests: fixed random examples, no display, order, and reasons of skipped tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which tests have failed, for fixtures that tell more then."""
+"""Failed tests, for fixtures that then report more."""
 
 from __future__ import annotations
 

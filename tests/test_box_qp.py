@@ -1,4 +1,4 @@
-"""Both solvers against an independent one (DAQP), their bounds when they are cut short, and their bits elsewhere."""
+"""Both solvers against an independent one (DAQP), bounds of truncated iterations, and identical bits elsewhere."""
 
 import hashlib
 import os

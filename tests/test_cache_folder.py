@@ -1,4 +1,4 @@
-"""Where compiled kernels and other pickles are kept: in no folder that another account could have filled."""
+"""Folder of compiled kernels and other pickles: never one that another account can write to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is remembered of an operation's types is what numba finds."""
+"""Cached argument types of an operation are those that numba infers."""
 
 import math
 import operator

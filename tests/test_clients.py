@@ -1,4 +1,4 @@
-"""The programs of `examples/clients`, and readers of every stream, against the simulated Omni as people start it."""
+"""Programs of `examples/clients`, and readers of every stream, with the simulated Omni."""
 
 from __future__ import annotations
 

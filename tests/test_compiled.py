@@ -1,4 +1,4 @@
-"""Kernels before the compiler is loaded: they wait, and are as good as any once somebody calls one."""
+"""Kernels before the compiler is loaded: compiled at the first call, with identical results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cubic spline: scipy's, coefficient by coefficient; exact for cubics; short lists are refused."""
+"""Cubic spline: coefficients of scipy's; exact for cubics; short lists are rejected."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""With numba's internals left alone the program runs, and computes the same."""
+"""Without patches of numba's internals the program runs, and computes the same."""
 
 from __future__ import annotations
 

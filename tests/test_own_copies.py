@@ -1,4 +1,4 @@
-"""What a kernel computes does not depend on which others a process has loaded before."""
+"""Results of a kernel do not depend on the kernels loaded before."""
 
 from __future__ import annotations
 

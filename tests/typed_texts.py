@@ -1,4 +1,4 @@
-"""Two hundred kinds of text that people, or their keyboards and clipboards, type into a field."""
+"""Two hundred kinds of text that people, keyboards and clipboards enter into a field."""
 
 from __future__ import annotations
 

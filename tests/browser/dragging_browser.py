@@ -1,4 +1,4 @@
-"""A browser that opens a console's page and holds the stylus: prints its process number, and drags until it is killed.
+"""Browser that opens a console's page and drags the stylus until it is killed; prints its process number.
 
 python dragging_browser.py CHROMIUM ADDRESS
 """

@@ -1,4 +1,4 @@
-"""A servo and its console in a process of their own, as `haptorb run` has them; answers questions on stdin.
+"""A servo and its console in a process of their own, as in `haptorb run`; answers queries on stdin.
 
 The test's own process drives a browser, and would starve a servo's heartbeat on a busy machine.
 """

@@ -1,4 +1,4 @@
-"""A proxy in front of a page: HTTPS, a path, another port, and a computer that does not answer for a while."""
+"""Proxy in front of a page: HTTPS, a path, another port, and a server that is unreachable for a while."""
 
 from __future__ import annotations
 

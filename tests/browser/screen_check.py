@@ -1,4 +1,4 @@
-"""What every page must be at every size: STOP whole and free, no text over another, nothing too wide for the screen."""
+"""Layout checks of all pages at every size: STOP fully visible, no overlapping text, no horizontal overflow."""
 
 from __future__ import annotations
 

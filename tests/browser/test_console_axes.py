@@ -1,4 +1,4 @@
-"""A device whose scene the page does not know: axes, a marker for the mover that can be dragged, and its numbers."""
+"""Console of a device without a known scene: axes, a draggable marker for the mover, and its numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The console through HTTPS, below a path, and at another port, as behind nginx, JupyterHub or `ssh -L`."""
+"""Console through HTTPS, below a path, and at another port, as with nginx, JupyterHub or `ssh -L`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies of worlds with memory on the page: they are drawn, they go where the servo's memory has them, and leave."""
+"""Bodies of worlds with memory on the page: drawn, moved with the servo's memory, and removed."""
 
 from __future__ import annotations
 

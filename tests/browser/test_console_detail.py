@@ -1,4 +1,4 @@
-"""How much the page draws: less where drawing is slow, the same picture as far as it goes, and a word about it."""
+"""Level of detail: reduced where drawing is slow, with the same picture and a notice."""
 
 from __future__ import annotations
 

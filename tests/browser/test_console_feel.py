@@ -1,4 +1,4 @@
-"""The main job, end to end: load the page, drag the stylus, see what the dome's law says there, and stop."""
+"""Main use case, end to end: load the page, drag the stylus, read the dome's force, and stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motor's page, end to end: drag the handle, feel the plug, change the mode, let it go, and stop."""
+"""Page of a motor, end to end: drag the handle, feel the plug, change the mode, release, and stop."""
 
 from __future__ import annotations
 

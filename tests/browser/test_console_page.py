@@ -1,4 +1,4 @@
-"""The page itself: its keys and pointers, what it tells of the server, its manners."""
+"""The console's page: keys and pointers, messages about the server, and accessibility."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The console's page with the address that was printed, without it, with an old one, and where there is no place."""
+"""The console's page with the printed address, without a token, with an old one, and when the server is full."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panel of a feel session at every size of the screen: STOP whole, nothing over anything else; keys and names."""
+"""Panel of a feel session at every screen size: STOP fully visible, no overlaps; keys and names."""
 
 from __future__ import annotations
 

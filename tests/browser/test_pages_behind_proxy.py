@@ -1,4 +1,4 @@
-"""The pages beside the console through HTTPS, below a path, and while the computer does not answer."""
+"""Other pages through HTTPS, below a path, and while the server is unreachable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""STOP is on the screen, whole, at every size and with every badge; nothing lies over a safety message or a number."""
+"""STOP is fully visible at every size and with every badge; no safety message or number is covered."""
 
 from __future__ import annotations
 

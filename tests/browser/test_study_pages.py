@@ -1,4 +1,4 @@
-"""Both pages of `haptorb study run` in a real browser over the real loop: keyboard and pointer, answers kept."""
+"""Both pages of `haptorb study run` in a real browser over the real loop: keyboard, pointer, stored answers."""
 
 from __future__ import annotations
 

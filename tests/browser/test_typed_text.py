@@ -1,4 +1,4 @@
-"""What is typed into the fields of the pages is stored as it was typed, or nothing is stored and a word says why."""
+"""Text typed into the pages is stored unchanged, or rejected with a reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording in a real browser: played, scrubbed and stepped; two side by side; nothing that needs a servo."""
+"""A recording in a real browser: play, scrub and step; two recordings side by side; no servo needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checks of scripts share."""
+"""Fixtures of the checks of scripts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`make dist`: what the wheel installs into an empty environment runs, and the source archive has every source."""
+"""`make dist`: the wheel runs in an empty environment, and the source archive is complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every public name says what it is; physics also says in which unit."""
+"""Every public name has a docstring; in physics also with units."""
 
 from __future__ import annotations
 

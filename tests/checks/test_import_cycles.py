@@ -1,4 +1,4 @@
-"""Imports make no cycle, neither between modules nor between packages."""
+"""No import cycles between modules or packages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The import contract: an import that goes up is found at every layer."""
+"""Import contract: an upward import is detected at every layer."""
 
 from __future__ import annotations
 

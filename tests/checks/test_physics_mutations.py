@@ -1,4 +1,4 @@
-"""What `scripts/mutate_physics.py` changes must be where it looks for it, and its record must cover the physics."""
+"""The places that `scripts/mutate_physics.py` changes exist, and its record covers the physics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every public name must say of itself: shapes of arrays, units of numbers, and what it raises.
+"""Docstrings of public names: shapes of arrays, units of numbers, and exceptions.
 
 The rules, for functions, methods and constructors that a module declares in `__all__`:
 

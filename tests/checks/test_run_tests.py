@@ -1,4 +1,4 @@
-"""`make test` calls pytest three times: each test runs in one of them, and the last line adds up what they found."""
+"""`make test` calls pytest three times: each test runs once, and the last line sums up the results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rules that `scripts/prove_safety.py` breaks one by one must be where it looks for them."""
+"""The rules that `scripts/prove_safety.py` breaks one by one exist in the code."""
 
 from __future__ import annotations
 

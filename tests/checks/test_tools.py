@@ -1,4 +1,4 @@
-"""The checks that other tools make, as tests: one run and one summary for everything."""
+"""Checks by other tools, as tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must not be in the tree: paths of somebody's machine, unfinished marks, third-party code, copied bundles."""
+"""Content that must not be in the tree: local paths, unfinished marks, third-party code, copied bundles."""
 
 from __future__ import annotations
 

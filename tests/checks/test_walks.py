@@ -1,4 +1,4 @@
-"""The walks through the code in CONTRIBUTING.md: every file is there, and a walk is short."""
+"""Walks through the code in CONTRIBUTING.md: every file exists, and a walk is short."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Another operating system, for want of one: `python other_system.py win32 FOLDER` hides what only Linux has.
+"""Emulates another operating system: `python other_system.py win32 FOLDER` hides what only Linux has.
 
 Then it uses what needs no Linux, and prints one JSON object: name of each part, and what it came to. The processes that
 it starts are of that system, too: `python other_system.py win32 -m MODULE ARGUMENTS`, or `-f FILE.py ARGUMENTS`.

@@ -1,4 +1,4 @@
-"""The command line as its users type it: what it prints, how it fails, and that it fails politely."""
+"""The command line: output, errors and exit codes."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""`haptorb train` and `haptorb estimators`: what they tell, draw, keep and refuse."""
+"""`haptorb train` and `haptorb estimators`: output, figures, files, and rejected inputs."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Another user id without a home, a read-only root and 8 MB of /dev/shm, as containers have it."""
+"""Containers: another user id without a home, a read-only root and 8 MB of /dev/shm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb exec` and `haptorb libraries`: unmodified programs on a simulated device, and what cannot run."""
+"""`haptorb exec` and `haptorb libraries`: unmodified programs on a simulated device, and unsupported ones."""
 
 from __future__ import annotations
 

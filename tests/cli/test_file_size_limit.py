@@ -1,4 +1,4 @@
-"""A limit of the shell on the size of files (`ulimit -f`) is named as the cause, whatever could not be written."""
+"""A file size limit of the shell (`ulimit -f`) is named as the cause of any failed write."""
 
 from __future__ import annotations
 

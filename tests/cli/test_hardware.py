@@ -1,4 +1,4 @@
-"""Probing, monitoring and jogging: over simulated chips and the simulated device, with the mistakes of wiring."""
+"""Probing, monitoring and jogging over simulated chips and the simulated device, with wiring mistakes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated devices, studies and pages work where nothing of Linux is; real devices and servers say so in one line."""
+"""Simulation, studies and pages work on other systems than Linux; real devices and servers report one line."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Code of the user's own is named before it runs: file, and what is used of it."""
+"""The user's own code is named before it runs: file and use."""
 
 from __future__ import annotations
 

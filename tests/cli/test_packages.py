@@ -1,4 +1,4 @@
-"""What runs with no extra installed, what a command says without its extra, and commands of other packages."""
+"""Operation without extras, messages of commands that need one, and commands of other packages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The terminal says once what of the rendered part cannot be had."""
+"""The terminal reports once which rendered part is unavailable."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""A database's password reaches the server, and nothing else: no list of processes, no output, no message."""
+"""A database's password reaches the server only: no process list, no output, no message."""
 
 from __future__ import annotations
 

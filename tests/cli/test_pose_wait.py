@@ -1,4 +1,4 @@
-"""What the terminal says while a tracker sends no pose."""
+"""Terminal messages while a tracker sends no pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb estimators --sensors`: what each error of a motor's field sensors does to orientation and torque."""
+"""`haptorb estimators --sensors`: effect of each error of a motor's field sensors on orientation and torque."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A network for one electromagnet of its own: what it takes, whom it serves, and how it is judged."""
+"""A network for a single electromagnet: training data, users, and evaluation."""
 
 import numpy as np
 import pytest

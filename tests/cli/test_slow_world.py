@@ -1,4 +1,4 @@
-"""A world file that does not return: the command says what it waits for and goes on when it can; Ctrl-C ends it."""
+"""A world file that does not return: the command names what it waits for; Ctrl-C ends it."""
 
 from __future__ import annotations
 

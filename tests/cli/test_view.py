@@ -1,4 +1,4 @@
-"""`haptorb view`: what it prints, and how it ends where there is nothing to play."""
+"""`haptorb view`: output, and errors where nothing can be played."""
 
 from __future__ import annotations
 

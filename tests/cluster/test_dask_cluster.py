@@ -1,4 +1,4 @@
-"""A cluster that cannot be used is refused in one line that says what to do."""
+"""An unusable cluster is rejected in one line with the remedy."""
 
 from __future__ import annotations
 

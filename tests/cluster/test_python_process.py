@@ -1,4 +1,4 @@
-"""No child of this program runs what lies in the current folder, and a user's own modules are found nevertheless."""
+"""Child processes run no code of the current folder, but find the user's own modules."""
 
 from __future__ import annotations
 

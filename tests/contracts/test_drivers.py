@@ -1,4 +1,4 @@
-"""What every driver keeps: coils off outside open and close, clipping told, reconnection by intent only.
+"""Contract of all drivers: coils off outside open and close, clipping reported, no automatic reconnection.
 
 The simulated driver, the I²C driver on simulated chips, and, where the cross-compiler is installed, the serial driver
 on the emulated firmware.

@@ -1,4 +1,4 @@
-"""What every world with memory of the catalogue promises, beside what every world does."""
+"""Contract of all catalogue worlds with memory, in addition to that of all worlds."""
 
 import tracemalloc
 

@@ -1,4 +1,4 @@
-"""Inputs that failed in the field, as they were sent in, each with the right answer."""
+"""Inputs that failed in the field, as reported, each with the correct result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file is: every command calls a file of another kind by its name, in one message, and changes nothing."""
+"""File kinds: every command names the kind of a wrong file in one message, and changes nothing."""
 
 from __future__ import annotations
 

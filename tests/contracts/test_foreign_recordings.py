@@ -1,4 +1,4 @@
-"""Recordings that somebody made to harm: `replay`, `view`, `info` and `export` run none of their code, and end."""
+"""Malicious recordings: `replay`, `view`, `info` and `export` run none of their code, and end."""
 
 from __future__ import annotations
 

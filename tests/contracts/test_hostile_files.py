@@ -1,4 +1,4 @@
-"""Files that are damaged, or made to hurt: every reader returns or explains itself, at once and with little memory."""
+"""Damaged or malicious files: every reader returns or explains, quickly and with little memory."""
 
 from __future__ import annotations
 

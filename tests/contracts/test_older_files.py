@@ -1,4 +1,4 @@
-"""Files that an older haptorb wrote go on being read: recording, calibration, study and device."""
+"""Files of older versions can still be read: recording, calibration, study and device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run-time passivity control over all worlds: untouched where the loop is good enough, at work where it is not."""
+"""Passivity control with all worlds: inactive where the loop is fast enough, active where it is not."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Text out of strangers' files: through every command that prints or writes it, in every place of every kind of file.
+"""Untrusted text in files: escaped by every command that prints or writes it, for every kind of file.
 
 COMMANDS is the list of these places: whoever adds a command that reads a file adds it here.
 """

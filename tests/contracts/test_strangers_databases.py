@@ -1,4 +1,4 @@
-"""Databases from strangers, damaged ones, and ones that cannot be written: one message, and nothing is changed."""
+"""Foreign, damaged and read-only databases: one message, and no change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every tracker keeps: a time with every pose, no pose without one, nothing made up, prediction with an end."""
+"""Contract of all trackers: time stamps, no invented poses, and limited prediction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every world promises; a new one is tested by being listed in `worlds.CATALOGUE`."""
+"""Contract of all worlds; a new one is tested by being listed in `worlds.CATALOGUE`."""
 
 from functools import cache
 

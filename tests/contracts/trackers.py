@@ -1,4 +1,4 @@
-"""Every tracker, and a hand in front of it: what a test needs to say a pose and to lose it."""
+"""All trackers with a simulated hand: test tools to send a pose and to lose it."""
 
 from __future__ import annotations
 

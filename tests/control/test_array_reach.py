@@ -1,4 +1,4 @@
-"""The forces of a coil array's card: exact along each axis, by a linear program that is not the allocator's."""
+"""Forces of a coil array's card: exact along each axis, by an independent linear program."""
 
 from __future__ import annotations
 

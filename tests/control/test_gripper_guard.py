@@ -1,4 +1,4 @@
-"""Limits on a gripper's force: size, rate, who commands, and off with the coils."""
+"""Limits of a gripper's force: size, rate, commanding client, and off with the coils."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Design files: what is read, and how each mistake is told."""
+"""Design files: parsing, and the message of each mistake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The device of a candidate is the device of the file that is written for it, in every way a key can be written."""
+"""A candidate's device equals the device of its written file, for every form of key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a candidate comes to: refused with a reason, or computed; the same in every process."""
+"""Evaluation of a candidate: rejected with a reason, or computed; identical in every process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The design files that come with haptorb can be read, and lead to a device file."""
+"""The supplied design files can be read, and lead to a device file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The devices of the catalogue that searches found: what their pages say of them, at the exact level."""
+"""Catalogue devices found by a search: the statements of their pages, at the exact level."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""What a device, a state and a wrench map show of themselves, and what reading a device file loads."""
+"""Attributes of a device, a state and a wrench map, and modules loaded by reading a device file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the parts of a device are: as its file says, part by part."""
+"""Positions of a device's parts: as in its file, part by part."""
 
 from __future__ import annotations
 

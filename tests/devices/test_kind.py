@@ -1,4 +1,4 @@
-"""What differs between kinds of device is registered for its class, and nothing else in `src` asks for the class."""
+"""Kinds of device are distinguished by registration only: no other code in `src` tests for the class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Device files: what is read, and how each mistake is told."""
+"""Device files: parsing, and the message of each mistake."""
 
 from importlib.resources import files
 

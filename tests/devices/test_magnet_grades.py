@@ -1,4 +1,4 @@
-"""Magnets keep their polarization: own field by formula, fields of the coils at drawn poses, and what is refused."""
+"""Demagnetisation checks: self-field by formula, fields of the coils at drawn poses, and rejected devices."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Values of a device file that change nothing: every key of the catalogue changes its device, and what is refused."""
+"""Every key of the catalogue's files changes its device; values without effect are rejected."""
 
 import math
 from dataclasses import fields, is_dataclass

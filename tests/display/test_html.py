@@ -1,4 +1,4 @@
-"""Tables and curves for notebooks: well-formed, with nothing of a text taken for HTML."""
+"""Tables and curves for notebooks: well-formed, with escaped text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model that the controller inverts, and how another one takes over without a step."""
+"""The model that the controller inverts, and its replacement without a step."""
 
 import numpy as np
 import pytest

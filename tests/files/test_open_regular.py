@@ -1,4 +1,4 @@
-"""Files that are named by people and files: regular ones only, and none is waited for."""
+"""Files named by users and files: regular ones only, without blocking."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects that are pickled together with their code."""
+"""Objects pickled together with their code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A file takes the place of a file only."""
+"""Only a regular file is ever replaced."""
 
 from __future__ import annotations
 

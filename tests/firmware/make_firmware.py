@@ -1,4 +1,4 @@
-"""Build firmware and emulator, also where two processes want them at once: the second waits, and finds them built."""
+"""Builds firmware and emulator once; a second process waits for the first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A host as small as can be, to be killed: `minimal_host.py PORT` engages and sets duties until it dies."""
+"""Minimal host to be killed: `minimal_host.py PORT` engages and sets duties until it dies."""
 
 from __future__ import annotations
 

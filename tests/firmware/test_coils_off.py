@@ -1,4 +1,4 @@
-"""Coils off within 20 ms, whatever happens to host, cable, line or processor; and that this can be seen to fail."""
+"""Coils off within 20 ms of any failure of host, cable, line or processor; shown to fail with broken firmware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The firmware's portable core on this computer: its own checks under sanitizers, and ten million random bytes."""
+"""Portable core of the firmware on this computer: its own checks under sanitizers, and ten million random bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The real firmware, emulated, behind the real driver: readings, limits, reasons, and a cable that comes back."""
+"""Emulated firmware with the real driver: readings, limits, reasons, and reconnection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guided calibration through the real firmware: what differs from the file is found, the id kept in the EEPROM."""
+"""Guided calibration through the emulated firmware: deviations are found, the id is stored in the EEPROM."""
 
 from __future__ import annotations
 

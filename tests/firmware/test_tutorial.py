@@ -1,4 +1,4 @@
-"""The tutorial "Bring up hardware" does what it says: its commands, in its order, on the emulated board."""
+"""Tutorial "Bring up hardware": its commands in order, on the emulated board."""
 
 import re
 import shlex

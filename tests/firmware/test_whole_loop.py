@@ -1,4 +1,4 @@
-"""The whole loop with the real firmware in it: a dome felt through emulated chips and the simulated Omni."""
+"""Whole loop with the emulated firmware: a dome rendered through emulated chips and the simulated Omni."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Random and crafted input that tests and benchmarks share."""
+"""Random and crafted input for tests and benchmarks."""

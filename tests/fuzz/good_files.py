@@ -1,4 +1,4 @@
-"""One good file of each kind that haptorb reads or writes: small ones, and ones that commands go through to the end."""
+"""A valid file of each kind that haptorb reads or writes, small or complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damaged and crafted files through the commands themselves, in forked processes that are watched.
+"""Damaged and crafted files through the commands, in monitored forked processes.
 
 A child takes one file after the other through `haptorb.cli.main`. An audit hook of Python sees what it opens,
 imports and starts; the parent sees how it ends. Wrong is: an exit code other than 0, 1 and 2, a traceback, the end of

@@ -1,4 +1,4 @@
-"""What damaged and crafted files do to everything that reads a file: an explained refusal, or the file as it was meant.
+"""Effect of damaged and crafted files on all readers: an explained rejection, or the intended content.
 
     python tests/fuzz/hostile_files.py [--mutants 10000] [--commands 1000] [--seed 0] [--only device recording …]
 

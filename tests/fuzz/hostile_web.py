@@ -1,4 +1,4 @@
-"""What programs of another account, and pages that do not listen, can do to a console that somebody uses.
+"""Attacks on a console in use, by programs of another account and by pages that do not read.
 
     python tests/fuzz/hostile_web.py [--connections 1000] [--seconds 10] [--json]
 

@@ -1,4 +1,4 @@
-"""Worlds that do what no world should, programs that are killed or stopped meanwhile, and what is left of them.
+"""Misbehaving worlds, programs killed or stopped meanwhile, and what they leave behind.
 
     python tests/fuzz/hostile_worlds.py [--worlds NAME…] [--crashes 100] [--stops 20] [--busy 60]
 

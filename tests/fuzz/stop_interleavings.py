@@ -1,4 +1,4 @@
-"""Stop against everything else, in random order: is current ever on after a Stop, unless somebody engaged since?
+"""Random interleavings of Stop with other commands: no current after a Stop until the coils are engaged again.
 
     python tests/fuzz/stop_interleavings.py [--interleavings N] [--seed S]
 

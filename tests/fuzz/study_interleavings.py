@@ -1,4 +1,4 @@
-"""Random interleavings of everything that pages, a session's thread, a device and a servo's loop do in a study.
+"""Random interleavings of pages, session thread, device and servo loop in a study.
 
     python tests/fuzz/study_interleavings.py [--interleavings 20000] [--seed 1]
 

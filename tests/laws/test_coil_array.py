@@ -1,4 +1,4 @@
-"""Laws asked of every coil array's wrench map. A new array is tested by being added to ARRAYS."""
+"""Physical laws of every coil array's wrench map. A new array is tested by being added to ARRAYS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hook is an elastic body: its forces against a beam written again from scratch, and its energy over slow cycles."""
+"""Elastic hook: forces against an independent beam model, and energy over slow cycles."""
 
 from __future__ import annotations
 

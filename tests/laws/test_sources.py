@@ -1,4 +1,4 @@
-"""Laws of magnetostatics, asked of every source. A new source is tested by being added to SOURCES."""
+"""Laws of magnetostatics for every source. A new source is tested by being added to SOURCES."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hooks: which can exist, and how they bend; every closed form against an independent integral."""
+"""Hooks: validity and bending; every closed form against an independent integral."""
 
 from __future__ import annotations
 

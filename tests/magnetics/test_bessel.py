@@ -1,4 +1,4 @@
-"""The integral of t J₁(t), against scipy's Bessel and Struve functions."""
+"""Integral of t J₁(t), against scipy's Bessel and Struve functions."""
 
 from __future__ import annotations
 

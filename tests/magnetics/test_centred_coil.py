@@ -1,4 +1,4 @@
-"""The zonal field of a coil about a soft sphere's centre: the closed field of the coil, and the sphere's charges."""
+"""Zonal field of a coil about a soft sphere's centre: closed-form field of the coil, and the sphere's charges."""
 
 from __future__ import annotations
 

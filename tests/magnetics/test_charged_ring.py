@@ -1,4 +1,4 @@
-"""The ring as charges: against the closed-form ring, its convergence, and the finite size that erratum E16 tells."""
+"""Ring as charges: against the closed-form ring, convergence, and the finite size of erratum E16."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The winding volume: field, gradient and error bound, and the electrician's numbers."""
+"""Winding volume: field, gradient and error bound, and electrical data."""
 
 from __future__ import annotations
 

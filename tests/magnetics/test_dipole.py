@@ -1,4 +1,4 @@
-"""Point dipoles against the printed formulas, against finite differences, and at the numbers of the two papers."""
+"""Point dipoles against the printed formulas, finite differences, and the numbers of the two papers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Forces and torques: published values, a second formulation, virtual work, and bounds that hold."""
+"""Forces and torques: published values, a second formulation, virtual work, and error bounds."""
 
 from __future__ import annotations
 

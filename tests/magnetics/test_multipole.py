@@ -1,4 +1,4 @@
-"""Multipole models: their places, moments and fields; fits that keep their promise; published readings by name."""
+"""Multipole models: positions, moments and fields; accuracy of fits; published interpretations by name."""
 
 from __future__ import annotations
 

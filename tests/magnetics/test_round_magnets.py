@@ -1,4 +1,4 @@
-"""Cylinder and ring magnets against an integral that shares with the closed form only the law of Biot and Savart."""
+"""Cylinder and ring magnets against an integral that shares only the Biot–Savart law with the closed form."""
 
 from __future__ import annotations
 

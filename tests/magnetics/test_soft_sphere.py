@@ -1,4 +1,4 @@
-"""The sphere's series against mirror charges, against a numerical solution, and at the numbers of erratum E18."""
+"""Series of the sphere against mirror charges, a numerical solution, and the numbers of erratum E18."""
 
 import numpy as np
 import pytest

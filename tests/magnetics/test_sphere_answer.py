@@ -1,4 +1,4 @@
-"""A soft sphere's answer in harmonics against its pairwise sums over charges."""
+"""Response of a soft sphere in harmonics against its pairwise sums over charges."""
 
 from __future__ import annotations
 

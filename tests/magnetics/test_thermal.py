@@ -1,4 +1,4 @@
-"""Two-node heat: its exact step against an integrator, times to a limit, and the three published endurances."""
+"""Two-node thermal model: exact step against an integrator, times to a limit, and the published endurances."""
 
 import numpy as np
 import pytest

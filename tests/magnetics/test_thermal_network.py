@@ -1,4 +1,4 @@
-"""Coils that warm each other: the exact step and course against an integrator, and what a network must obey."""
+"""Thermally coupled coils: exact step and course against an integrator, and properties of a network."""
 
 import numpy as np
 import pytest

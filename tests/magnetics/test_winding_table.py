@@ -1,4 +1,4 @@
-"""The table of a winding's field against the closed form, where magnets can be."""
+"""Table of a winding's field against the closed form, in the workspace of the magnets."""
 
 from __future__ import annotations
 

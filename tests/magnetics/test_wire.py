@@ -1,4 +1,4 @@
-"""Enamelled wire and its layers, against catalogues of wire, counting, and the copper's volume."""
+"""Enamelled wire and its layers, against wire catalogues, counting, and the copper's volume."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A new user's folder and shell: commands as they are typed, and nothing left running behind them."""
+"""Folder and shell of a new user: typed commands, and no processes left behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An application developer's first hour in Python: her own world felt, read by name, in an event loop; her mistakes."""
+"""First hour of an application developer in Python: a world of her own, an event loop, and her mistakes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A designer's first hour: two snap-fits in a file, felt blind in the console, rated with keys, and the report."""
+"""First hour of a designer: two snap-fits in a file, felt blind in the console, rated, and the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A device engineer's first hour: copy a catalogue device, change, compare, draw, check and run it; her mistakes."""
+"""First hour of a device engineer: copy, change, compare, draw, check and run a device; her mistakes."""
 
 from __future__ import annotations
 

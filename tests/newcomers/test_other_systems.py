@@ -1,4 +1,4 @@
-"""The first hour of the users on other systems: the same tests, with commands from which Linux is hidden."""
+"""First hour of users on other systems: the same tests with commands that hide Linux."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An HCI researcher's first hour at the shell: her own world run and checked, a study with it rehearsed and read."""
+"""First hour of an HCI researcher at the shell: her own world run and checked, and a study rehearsed and analysed."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Independent computations, imitations of hardware, and what a user writes: what the product is checked against."""
+"""Independent computations, emulated hardware and user code against which the product is checked."""

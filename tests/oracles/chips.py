@@ -1,4 +1,4 @@
-"""The chips of a device's electronics, register by register: PCA9685, INA219, MAX11616, TCA9534 on a bus of their own.
+"""Emulated chips, register by register: PCA9685, INA219, MAX11616, TCA9534 on an I²C bus.
 
 They stand in for hardware in tests of the drivers, and know of the world only what their pins see: PWM outputs go out,
 shunt voltages and Hall voltages come in. Beside them stands the 74HC123 that hangs on the PCA9685's OE pin.

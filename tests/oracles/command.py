@@ -1,4 +1,4 @@
-"""One command of `haptorb`, as if typed."""
+"""Runs one `haptorb` command as typed."""
 
 from __future__ import annotations
 

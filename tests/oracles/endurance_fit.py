@@ -1,4 +1,4 @@
-"""Two bodies in a row that stand the three endurances that Zárate 2020 prints of its coils."""
+"""Two-node thermal model with the three endurances that Zárate 2020 prints of its coils."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A world as a user writes it."""
+"""Example of a user's own world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A short recording written without a servo: a stylus that circles over the dome, two worlds, and one trip."""
+"""Short recording written without a servo: a stylus that circles over the dome, two worlds, and one trip."""
 
 from __future__ import annotations
 

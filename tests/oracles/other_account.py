@@ -1,4 +1,4 @@
-"""A really different account of this computer: a child process that has given up this one for good."""
+"""A child process under another account of this computer."""
 
 from __future__ import annotations
 

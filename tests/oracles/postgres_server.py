@@ -1,4 +1,4 @@
-"""A PostgreSQL server of a test's own, in a folder that goes away with it."""
+"""PostgreSQL server for a test, in a temporary folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Programs that run as a person starts them, without loading numba, matplotlib and others for each.
+"""Runs programs as a user starts them, without loading numba, matplotlib and others for each.
 
 `ProgramRunner` starts this file as a process of its own, which loads them, and copies itself for every program.
 """

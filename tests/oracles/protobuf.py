@@ -1,4 +1,4 @@
-"""Reads protobuf messages by the schema that came with them: nothing of the sender's own code.
+"""Reads protobuf messages by their transmitted schema, without the sender's code.
 
 Wire format and descriptors: https://protobuf.dev/programming-guides/encoding/ and descriptor.proto.
 """

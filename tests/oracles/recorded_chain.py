@@ -1,4 +1,4 @@
-"""A recording of some ticks of a simulated device, made without processes or clocks; commands between the ticks."""
+"""Recording of some ticks of a simulated device, made without processes or clocks; commands between the ticks."""
 
 from __future__ import annotations
 

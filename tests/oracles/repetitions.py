@@ -1,4 +1,4 @@
-"""How often a test that draws examples draws one: few times in `make test`, as often as ever in `make nightly`."""
+"""Number of drawn examples per test: few in `make test`, all in `make nightly`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How near round parts come to each other while one side turns: points on their surfaces at many poses.
+"""Minimum distance of round parts while one side turns: points on their surfaces at many poses.
 
 Nothing is shared with `haptorb.devices.turning_clearance`: no symmetry is used, every part is a cloud of points in
 space, turned as a whole.

@@ -1,4 +1,4 @@
-"""A wall in a hand, as a loop of its own: true force and true motion, of which the controller knows nothing.
+"""A wall in a hand, in a separate loop: true force and true motion, unknown to the controller.
 
 Nothing here comes from `haptorb.analysis` or from the simulation: a hand m ẍ + b ẋ + k (x − goal) = f, stepped exactly
 (matrix exponential), the coils' current on its way to the next value in every tick, a tracker with a clock of its own

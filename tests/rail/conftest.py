@@ -1,4 +1,4 @@
-"""The device of `rail.py`: a module of the test's own, which the servo's process cannot import."""
+"""Device of `rail.py`: a module of the test, which the servo's process cannot import."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A kind of device that haptorb does not know: two coils, and between them a magnet on a rail along x.
+"""A kind of device unknown to haptorb: two coils, and between them a magnet on a rail along x.
 
 Nothing of it is in `src`. The magnet's moment m lies along x, so coil c pulls with F = m dB/dx per ampere, B being the
 field of a ring of wire on its own axis. This is what the how-to "Add a device" adds.

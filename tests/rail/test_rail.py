@@ -1,4 +1,4 @@
-"""A kind of device that only this test knows runs like one of haptorb's own, without a change in `src`."""
+"""A kind of device defined by this test runs like a built-in one, without a change in `src`."""
 
 from __future__ import annotations
 

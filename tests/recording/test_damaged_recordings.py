@@ -1,4 +1,4 @@
-"""Damaged and cut recordings: every undamaged chunk is read, and everybody who reads is told what is missing."""
+"""Damaged and truncated recordings: every undamaged chunk is read, and the loss is reported."""
 
 from __future__ import annotations
 

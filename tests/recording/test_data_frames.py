@@ -1,4 +1,4 @@
-"""A recording for pandas, xarray and notebooks: every number with its unit."""
+"""Recordings in pandas, xarray and notebooks: every number with its unit."""
 
 from __future__ import annotations
 

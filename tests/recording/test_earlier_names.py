@@ -1,4 +1,4 @@
-"""Fields by the names that they had before 0.2.0: in recordings of that time, in exports, layouts, rows and tests."""
+"""Field names from before 0.2.0: in old recordings, exports, layouts, rows and tests."""
 
 from __future__ import annotations
 

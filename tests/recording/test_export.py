@@ -1,4 +1,4 @@
-"""Exports: the same numbers in three formats, with units, a range of time, chosen fields; nothing half written."""
+"""Exports: the same numbers in three formats, with units, a time range, selected fields; all or nothing."""
 
 from __future__ import annotations
 

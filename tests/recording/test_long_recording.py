@@ -1,4 +1,4 @@
-"""A recording above 32 MiB: the same numbers, read in pieces; damage is told where somebody reads it."""
+"""A recording above 32 MiB: identical numbers, read in pieces; damage is reported where it is read."""
 
 from __future__ import annotations
 

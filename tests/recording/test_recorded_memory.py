@@ -1,4 +1,4 @@
-"""What worlds remembered, read from a recording: by name, where they were felt, and nothing of a hostile file."""
+"""Memory of worlds in a recording: by name, per world, and safe with malicious files."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Recordings: bit for bit, readable by other tools, and by us after a cut at any byte."""
+"""Recordings: bit-exact, readable by other tools, and readable after truncation at any byte."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a recording in a few facts: which limit held the wrench back, and how often."""
+"""Summary of a recording: which limit reduced the wrench, and how often."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a run is recorded to: named, temporary or nowhere; nothing is left where nothing ran."""
+"""Destination of a run's recording: named, temporary or none; no file is left without a run."""
 
 from __future__ import annotations
 

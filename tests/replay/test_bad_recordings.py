@@ -1,4 +1,4 @@
-"""Recordings that cannot be replayed whole: what is missing is said, and what can run does."""
+"""Recordings that can be replayed only in part: the missing part is reported."""
 
 from __future__ import annotations
 

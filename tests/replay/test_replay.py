@@ -1,4 +1,4 @@
-"""A recording runs again to the same bits, whatever was commanded; and one changed bit is found at its tick."""
+"""Replay is bit-identical for all commands; one changed bit is found at its tick."""
 
 from __future__ import annotations
 

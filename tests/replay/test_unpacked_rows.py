@@ -1,4 +1,4 @@
-"""Rows that a process beside this one unpacks are the recording's own, and damage is told as ever."""
+"""Rows unpacked in another process are those of the recording, and damage is reported."""
 
 from __future__ import annotations
 

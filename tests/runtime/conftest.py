@@ -1,4 +1,4 @@
-"""A chain that is no device: it fills rows, tells a log file what happens to its driver, and misbehaves on demand."""
+"""A chain without a device: fills rows, logs driver events to a file, and misbehaves on demand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What waited in a socket is as old as its waiting, however late it is read."""
+"""The age of a message includes its time in the socket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The last hundred ticks before every trip, in memory and in files that other tools read."""
+"""The last hundred ticks before every trip, in memory and in files for other tools."""
 
 from __future__ import annotations
 

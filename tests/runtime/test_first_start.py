@@ -1,4 +1,4 @@
-"""What a first start's second process compiles is what the servo's process needs, and it goes when it is not needed."""
+"""The second process of a first start compiles what the servo's process needs, and ends when not needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hand from a file: what is read and refused, and that the same file gives the same run, pushed by the world."""
+"""The hand from a file: parsing, rejected files, and reproducible runs, also when pushed by the world."""
 
 from __future__ import annotations
 

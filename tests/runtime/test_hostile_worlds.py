@@ -1,4 +1,4 @@
-"""Whatever runs inside a world: the host is told why the servo ended, and nothing of it outlives the host."""
+"""Misbehaving worlds: the host reports why the servo ended, and no process outlives the host."""
 
 from __future__ import annotations
 

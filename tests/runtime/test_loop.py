@@ -1,4 +1,4 @@
-"""The loop itself, on a clock that a test winds: when it takes the host for dead, and when for held up like itself."""
+"""The loop on a controlled clock: a dead host is distinguished from a delay of the whole computer."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator

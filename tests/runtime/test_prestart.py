@@ -1,4 +1,4 @@
-"""A servo process that waits to hear what it is to be: nothing is left of it when nobody says."""
+"""A prestarted servo process that receives no configuration ends without a trace."""
 
 from __future__ import annotations
 

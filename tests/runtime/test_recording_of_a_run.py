@@ -1,4 +1,4 @@
-"""A servo records what ran; what it cannot record is said before it starts."""
+"""A servo records its run; what cannot be recorded is reported before the start."""
 
 from __future__ import annotations
 

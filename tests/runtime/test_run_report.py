@@ -1,4 +1,4 @@
-"""The report of a run: all keys of a dict, its main figures where it is shown."""
+"""Report of a run: all keys of a dict, and its main figures in text."""
 
 from __future__ import annotations
 

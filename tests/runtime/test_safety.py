@@ -1,4 +1,4 @@
-"""Whatever dies, the coils are off: processes killed, told to end, stuck, orphaned, or failing in the middle."""
+"""Coils are off after any failure of a process: killed, terminated, stuck, orphaned, or failing in the middle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared memory: rows, texts and pointers that another process writes at full speed are never seen half written."""
+"""Shared memory: rows, texts and pointer goals written at full speed are never read half written."""
 
 from __future__ import annotations
 

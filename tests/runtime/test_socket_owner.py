@@ -1,4 +1,4 @@
-"""Whose process is at the other end: with a really different account, and with ends that nobody has any more."""
+"""Owner of the process at the other end of a socket: with another account, and with closed ends."""
 
 from __future__ import annotations
 

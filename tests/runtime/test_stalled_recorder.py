@@ -1,4 +1,4 @@
-"""A recorder that stands still is told, its lost rows are counted, and the loop does not care."""
+"""A stalled recorder is reported, its lost rows are counted, and the loop is unaffected."""
 
 from __future__ import annotations
 

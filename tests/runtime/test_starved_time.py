@@ -1,4 +1,4 @@
-"""A process that waits for a processor is told from one that waits for something else."""
+"""A process that waits for a processor is distinguished from one that waits for something else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop's books: every tick counted once, rows whole, and the greatest force whether anybody knows it or not."""
+"""Statistics of the loop: every tick counted once, complete rows, and the maximum force, known or not."""
 
 import numpy as np
 import pytest

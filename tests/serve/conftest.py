@@ -1,4 +1,4 @@
-"""A device whose rows a test writes, as a server's process would see it: no loop, no process."""
+"""A device whose rows a test writes, as seen by a server's process: no loop, no process."""
 
 from __future__ import annotations
 

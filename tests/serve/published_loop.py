@@ -1,4 +1,4 @@
-"""The memory of a loop without its process: rows are published by hand, and what servers write is read back."""
+"""Memory of a loop without its process: rows are published by the test, and servers' writes are read back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb run --serve` as people start it, with the simulated Omni, on free ports; and its report at the end."""
+"""`haptorb run --serve` as users start it, with the simulated Omni, on free ports; and its report at the end."""
 
 from __future__ import annotations
 

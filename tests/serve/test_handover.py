@@ -1,4 +1,4 @@
-"""Which client commands and through which mapping: only the holder changes its own, and what waited is not done."""
+"""Commanding client and its mapping: only the holder changes its own, and queued commands are dropped."""
 
 from __future__ import annotations
 

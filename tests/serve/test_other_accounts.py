@@ -1,4 +1,4 @@
-"""Another account of this computer, on loopback: it moves no coil, reads no pose, and says where no tool is."""
+"""Another account of this computer, on loopback: it moves no coil, reads no pose, and sends no tracker pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a server's process may do with the device: one client holds it, the others watch."""
+"""Access of a server's process to the device: one client holds it, the others observe."""
 
 from __future__ import annotations
 

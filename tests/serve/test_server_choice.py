@@ -1,4 +1,4 @@
-"""What --serve may say, and what becomes of the world."""
+"""Values of --serve, and their effect on the world."""
 
 from __future__ import annotations
 

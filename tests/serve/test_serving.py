@@ -1,4 +1,4 @@
-"""A servo, a server's process and a client, end to end: what is commanded is felt, and ends with whoever commanded."""
+"""Servo, server process and client, end to end: commands are rendered, and end with the commanding client."""
 
 from __future__ import annotations
 

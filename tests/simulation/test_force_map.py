@@ -1,4 +1,4 @@
-"""The force map and the other functions of the package: what they take for a device, and positions that cannot be."""
+"""Force map and other functions of the package: accepted devices, and invalid positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked is given: the inverse on both models against an independent, finer truth."""
+"""Commanded wrench against actual wrench: the inverse on both models against an independent, finer model."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Small studies whose coils and forces are real, and whose databases live in a temporary folder."""
+"""Small studies with real coils and forces, and databases in a temporary folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A servo that remembers what it was told; its pen is where it was pointed, at once."""
+"""Servo that stores its commands; its pen reaches every goal at once."""
 
 from __future__ import annotations
 

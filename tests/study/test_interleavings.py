@@ -1,4 +1,4 @@
-"""Stops, requests, trips and failures in any order: never on after a Stop unless somebody asked for it after it."""
+"""Stops, requests, trips and failures in any order: no current after a Stop without a later request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stop in a study: from every page, in every state, before any check, queue or database; and whatever else fails."""
+"""Stop in a study: from every page, in every state, before any check, queue or database, despite any failure."""
 
 from __future__ import annotations
 

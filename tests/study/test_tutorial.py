@@ -1,4 +1,4 @@
-"""The tutorial's study and its commands, run in their order as they stand there."""
+"""Tutorial's study and commands, in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands print by themselves, and that all of them print in one way."""
+"""Output of the commands, in a uniform style."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""Every `--help` as people see it: each text, unit and literal that the source gave stands in it, at any width."""
+"""Every `--help` as displayed: all texts, units and literals of the source, at any width."""
 
 import re
 import subprocess

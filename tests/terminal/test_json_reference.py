@@ -1,4 +1,4 @@
-"""The reference of `--json`: every command has a section, and what it prints has the keys that its table lists."""
+"""Reference of `--json`: a section for every command, with the keys of its output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports in a notebook: one line of text, and as HTML what the command prints."""
+"""Reports in a notebook: one line of text, and the command's output as HTML."""
 
 from __future__ import annotations
 

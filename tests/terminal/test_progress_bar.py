@@ -1,4 +1,4 @@
-"""Bars are for terminals: a pipe or a file gets nothing of them, not even an empty line."""
+"""Progress bars are drawn in terminals only: a pipe or a file receives nothing, not even an empty line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Every sign that the sources use has a spelling in ASCII."""
+"""Every symbol of the sources has an ASCII spelling."""
 
 import io
 import sys

@@ -1,4 +1,4 @@
-"""Every table as people see it: each number, unit and head that the source gave stands in it whole, at any width."""
+"""Every table as displayed: all numbers, units and headings of the source, uncut, at any width."""
 
 import io
 import json

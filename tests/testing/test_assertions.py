@@ -1,4 +1,4 @@
-"""The testing tools: the same run in every call, and assertions that fail where something is wrong, and say where."""
+"""Testing tools: reproducible runs, and assertions that fail with the location of the error."""
 
 from __future__ import annotations
 

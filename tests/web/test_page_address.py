@@ -1,4 +1,4 @@
-"""Where pages listen, who may ask for them under which name, and what is said before."""
+"""Addresses of pages, permitted host names, and messages at the start."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""`--host` of `haptorb run`, `feel`, `view` and `design show`: the page that other computers reach lets in who knows
-its token, and nobody else."""
+"""`--host` of `haptorb run`, `feel`, `view` and `design show`: other computers need the token of the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hands that move through a world with memory, and the energy that they get out of it."""
+"""Hands that move through a world with memory, and the energy that they extract from it."""
 
 import numpy as np
 

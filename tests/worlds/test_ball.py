@@ -1,4 +1,4 @@
-"""The ball against an ODE solver, and its energy."""
+"""Ball against an ODE solver, and its energy."""
 
 import numpy as np
 import pytest

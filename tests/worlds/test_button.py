@@ -1,4 +1,4 @@
-"""The button: travel, click, latch, and no energy out of any of them."""
+"""Button: travel, click, latch, and passivity of all of them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The compass: a torque across the axis, towards its direction, from a potential; alone and with a dome."""
+"""Compass: a torque across the axis, towards its direction, from a potential; alone and with a dome."""
 
 import numpy as np
 import pytest

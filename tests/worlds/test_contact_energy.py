@@ -1,4 +1,4 @@
-"""Snap-fit and outlet over closed paths: no path gives energy, and without friction none takes any."""
+"""Snap-fit and outlet over closed paths: passive, and without friction conservative."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The force map against the printed algorithm, followed step by step by somebody who has not seen our code."""
+"""Force map against an independent implementation of the printed algorithm, step by step."""
 
 import itertools
 

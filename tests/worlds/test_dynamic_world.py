@@ -1,4 +1,4 @@
-"""The abstract world with memory: its fields, its beginning, and sums of both kinds."""
+"""Abstract world with memory: fields, initial memory, and sums of both kinds."""
 
 from dataclasses import dataclass
 

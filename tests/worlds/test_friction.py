@@ -1,4 +1,4 @@
-"""LuGre friction against its publication, against an ODE solver, and in the hand."""
+"""LuGre friction against its publication, an ODE solver, and in the hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Worlds with memory in the whole chain of the simulated Omni: sensors with noise, guard, currents, magnets."""
+"""Worlds with memory in the whole chain of the simulated Omni: noisy sensors, guard, currents, magnets."""
 
 from dataclasses import replace
 

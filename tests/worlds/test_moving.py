@@ -1,4 +1,4 @@
-"""Summits that move by themselves."""
+"""Summits that move in time."""
 
 import numpy as np
 import pytest

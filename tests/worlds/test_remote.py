@@ -1,4 +1,4 @@
-"""The force of a client: held, faded, limited, and the same again from the same memory."""
+"""Force of a client: held, faded, limited, and reproducible from the same memory."""
 
 from __future__ import annotations
 

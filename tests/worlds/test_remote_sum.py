@@ -1,4 +1,4 @@
-"""A world beside the clients' force keeps its name, its parameters and that force through every change."""
+"""A world with a client's force keeps name, parameters and that force through every change."""
 
 from __future__ import annotations
 

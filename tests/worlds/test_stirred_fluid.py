@@ -1,4 +1,4 @@
-"""The stirred fluid: it runs on, against a matrix exponential, and never gives more than it was given."""
+"""Stirred fluid: continues to flow, against a matrix exponential, and is passive."""
 
 import numpy as np
 import pytest

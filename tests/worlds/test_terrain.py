@@ -1,4 +1,4 @@
-"""A landscape over the dome: forces are its slopes, wherever the heights come from."""
+"""Terrain over the dome: forces are its slopes, for any source of heights."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a world shows of itself."""
+"""Attributes of a world."""
 
 from __future__ import annotations
 

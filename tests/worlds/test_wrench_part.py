@@ -1,4 +1,4 @@
-"""Which part of a wrench worlds ask, alone and together."""
+"""Part of a wrench that worlds use, alone and in sums."""
 
 import numpy as np
 import pytest

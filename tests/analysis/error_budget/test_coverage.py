@@ -1,4 +1,4 @@
-"""Simulated devices, drawn and run by themselves, lie in the band: benchmarks/error_budget.py in a reduced form."""
+"""Simulated devices with drawn errors lie within the predicted band: reduced form of benchmarks/error_budget.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each source of error does to the budget's chain what a device rebuilt with that error does."""
+"""Each error source of the budget against a device rebuilt with that error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bands and shares of chains whose answers are known in closed form."""
+"""Bands and shares of chains with closed-form results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The coupling that a loop, a hand and a body allow."""
+"""Virtual coupling that a loop, a hand and a body permit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How steep a world is: against worlds whose slopes are known."""
+"""Maximum stiffness of a world, against worlds with known slopes."""
 
 import numpy as np
 import pytest

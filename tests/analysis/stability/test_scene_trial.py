@@ -1,4 +1,4 @@
-"""A random hand extracts nothing from a scene in the whole loop; the ten minutes are in benchmarks/worlds/scenes.py."""
+"""A random hand extracts no energy from a scene in the whole loop; 10 min in benchmarks/worlds/scenes.py."""
 
 from __future__ import annotations
 

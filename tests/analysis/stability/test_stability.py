@@ -1,4 +1,4 @@
-"""The stability of a sampled, late loop: three answers against each other, and against a loop stepped through time."""
+"""Stability of a sampled loop with delay: three criteria against each other and against simulation in time."""
 
 import math
 

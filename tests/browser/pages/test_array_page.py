@@ -1,4 +1,4 @@
-"""The console of `haptorb run planar`: every coil is drawn, and the tool where the servo has it."""
+"""Console of `haptorb run planar`: every coil is drawn, and the tool at the servo's position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of `examples/clients` in a real browser, before the simulated Omni: it is felt, and says so."""
+"""Page of `examples/clients` in a real browser with the simulated Omni: its wall pushes the tool, and it displays so."""
 
 from __future__ import annotations
 

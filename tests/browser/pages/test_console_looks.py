@@ -1,4 +1,4 @@
-"""What the console's page says and looks like: words for every state, names, sizes, typed values. All on one page."""
+"""Texts and layout of the console's page: words for every state, names, sizes, typed values."""
 
 from __future__ import annotations
 

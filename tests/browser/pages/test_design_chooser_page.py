@@ -1,5 +1,7 @@
-"""The page of `haptorb design show`: a design is chosen by keyboard, and the console of its device comes with its coils
-off. The servo behind it is imagined; `tests/design/cli/test_show.py` starts a real one."""
+"""Page of `haptorb design show`: choice by keyboard, and a console with coils off.
+
+The servo is a fake; `tests/design/cli/test_show.py` starts a real one.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a design in a real browser: pointer and keys, filters, every size, light and dark."""
+"""Report of a design in a real browser: pointer and keys, filters, all sizes, light and dark."""
 
 from __future__ import annotations
 

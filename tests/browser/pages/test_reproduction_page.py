@@ -1,4 +1,4 @@
-"""The page of `haptorb reproduce` in a real browser: short while folded, whole in print, usable without a mouse."""
+"""Page of `haptorb reproduce` in a real browser: folded sections, print, and use without a mouse."""
 
 from __future__ import annotations
 

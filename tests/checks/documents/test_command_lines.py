@@ -1,4 +1,4 @@
-"""Every `haptorb ...` in documents, examples and messages is one that the program takes, in the form of its help.
+"""Every `haptorb ...` in documents, examples and messages is a valid command, in the form of its help.
 
 A line of a code block must be complete. A command between backticks may leave out arguments (`haptorb run --frame
 FILE`). Of one in running text, the names of command and options are checked. Capitals stand for any value.

@@ -1,4 +1,4 @@
-"""The documentation builds without a warning, needs nothing from elsewhere to be read, and its links work."""
+"""The documentation builds without warnings, loads nothing external, and its links work."""
 
 from __future__ import annotations
 

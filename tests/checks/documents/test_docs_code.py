@@ -1,4 +1,4 @@
-"""The documentation's programs run: all Python blocks of a page, one after the other."""
+"""The documentation's programs run: all Python blocks of a page in sequence."""
 
 from __future__ import annotations
 

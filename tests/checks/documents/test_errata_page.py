@@ -1,4 +1,4 @@
-"""The errata page: every erratum is there once, says all five things, and names tests that exist."""
+"""Errata page: every erratum once, with all five entries, and with existing tests."""
 
 from __future__ import annotations
 

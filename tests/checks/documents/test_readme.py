@@ -1,4 +1,4 @@
-"""README: its two commands and four examples run, in its order; its figures are those of the stored benchmarks."""
+"""README: its commands and examples run in order; its figures are those of the stored benchmarks."""
 
 from __future__ import annotations
 

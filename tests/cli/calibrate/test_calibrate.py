@@ -1,4 +1,4 @@
-"""Calibration through a driver: what it finds, what it refuses, and that its file belongs to one device."""
+"""Calibration through a driver: results, rejected inputs, and a file that belongs to one device."""
 
 import json
 from contextlib import suppress

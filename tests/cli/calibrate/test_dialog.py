@@ -1,4 +1,4 @@
-"""The guided calibration: it refuses to go on, goes on where it ended, and writes one file at the end."""
+"""Guided calibration: refused steps, resumption after an interruption, and one file at the end."""
 
 from __future__ import annotations
 

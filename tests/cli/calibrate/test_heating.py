@@ -1,4 +1,4 @@
-"""The heat step through a computer that hesitates: what is lost is written down, and nothing else is forgiven."""
+"""Heat step on a computer with interruptions: lost time is recorded, other errors are not tolerated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file of measured steps must have before anything goes on from it."""
+"""Validation of a file of measured steps before it is continued."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The steps `fields` and `sensors`: what they refuse, what they leave, a sensor that failed, and readings in turns."""
+"""Steps `fields` and `sensors`: rejected inputs, leftovers, a failed sensor, and multiplexed readings."""
 
 from __future__ import annotations
 

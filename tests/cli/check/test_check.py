@@ -1,4 +1,4 @@
-"""`haptorb check`: the verdict follows the numbers, the advice follows the cause."""
+"""`haptorb check`: verdict from the numbers, advice from the cause."""
 
 from __future__ import annotations
 

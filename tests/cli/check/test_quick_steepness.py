@@ -1,4 +1,4 @@
-"""The stiffness of worlds with memory, which from their beginning may have none."""
+"""Stiffness of worlds with memory, which may have none initially."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A torque is judged by its stiffness over the tool's orientation; what is not judged is said."""
+"""Torque is checked by its stiffness over the tool's orientation; unchecked parts are stated."""
 
 import json
 

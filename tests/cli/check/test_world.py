@@ -1,4 +1,4 @@
-"""`haptorb check --world`: the verdict follows the loop, the whole simulated chain confirms it, mistakes are named."""
+"""`haptorb check --world`: verdict from the loop, confirmed by the simulated chain; mistakes are named."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`haptorb fit-multipole`: the fitted model beats the published one with no more dipoles, and can be stored."""
+"""`haptorb fit-multipole`: the fitted model beats the published one with as many dipoles, and can be stored."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""`haptorb frame`: the whole way from OSC messages to a file that `run` takes, and what stops it on the way."""
+"""`haptorb frame`: from OSC messages to a file that `run` accepts, with all failures on the way."""
 
 from __future__ import annotations
 

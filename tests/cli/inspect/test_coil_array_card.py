@@ -1,4 +1,4 @@
-"""The card, the scene and the drawing of coil arrays."""
+"""Card, scene and drawing of coil arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb inspect A B …`: every number of every device at any width, curves over each other, mistakes in one line."""
+"""`haptorb inspect A B …`: all numbers of all devices at any width, curves, and mistakes in one line."""
 
 from __future__ import annotations
 

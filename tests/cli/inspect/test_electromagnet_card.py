@@ -1,4 +1,4 @@
-"""The card of the Omni: what is calibrated stands beside what the coils' sizes predict."""
+"""Card of the Omni: calibrated moments beside those predicted from the coils' sizes."""
 
 import io
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""`haptorb inspect DEVICE --errors`: tables that fit, the same numbers as JSON, a figure, and mistakes in one line."""
+"""`haptorb inspect DEVICE --errors`: tables, the same numbers as JSON, a figure, and mistakes in one line."""
 
 from __future__ import annotations
 

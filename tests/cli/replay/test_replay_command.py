@@ -1,4 +1,4 @@
-"""`haptorb replay` as people and programs meet it."""
+"""`haptorb replay`: output for people and programs."""
 
 from __future__ import annotations
 

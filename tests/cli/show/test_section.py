@@ -1,4 +1,4 @@
-"""What a plane cuts of a round part: areas by the formulas of solid geometry, points by the part's definition."""
+"""Plane sections of round parts: areas by formulas of solid geometry, points by the part's definition."""
 
 from __future__ import annotations
 

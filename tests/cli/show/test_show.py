@@ -1,4 +1,4 @@
-"""`haptorb show`: the drawing has the places and sizes of the device file, and mistakes are one line."""
+"""`haptorb show`: positions and sizes of the drawing are those of the device file; mistakes are one line."""
 
 from __future__ import annotations
 

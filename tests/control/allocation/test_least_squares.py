@@ -1,4 +1,4 @@
-"""Least-squares allocation: force, torque, blends, limits, and what it says about what it cannot give."""
+"""Least-squares allocation: force, torque, blends, limits, and reports of unfeasible wrenches."""
 
 import numpy as np
 import pytest

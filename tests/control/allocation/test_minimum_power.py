@@ -1,4 +1,4 @@
-"""Least-heat torque against an independent solver (DAQP) on thousands of problems, good, bad and degenerate."""
+"""Minimum-power torque against an independent solver (DAQP): thousands of regular and degenerate problems."""
 
 import daqp
 import numpy as np

@@ -1,4 +1,4 @@
-"""The PMSM's capability: consistent with the allocator, with symmetry, and with the heat that currents make."""
+"""Capability of the PMSM: consistent with the allocator, with symmetry, and with ohmic heat."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is said of a part of a wrench, against what the allocators really give."""
+"""Remarks on the rendered part of a wrench, against the allocators' results."""
 
 import re
 

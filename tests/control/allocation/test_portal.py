@@ -1,4 +1,4 @@
-"""The reach of a zonotope of many generators, against all pairs of them."""
+"""Reach of a zonotope with many generators, against all pairs of them."""
 
 from __future__ import annotations
 

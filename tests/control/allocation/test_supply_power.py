@@ -1,4 +1,4 @@
-"""A supply's power limit in both allocators: never above it, the wrench's direction kept, and the reason stated."""
+"""Power limit of the supply in both allocators: never exceeded, direction kept, reason reported."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Torque on a tool, and force with torque: what arrives, against another way of computing it, and what is admitted."""
+"""Torque on a tool, and force with torque: result against another computation, and reported deviations."""
 
 import daqp
 import numpy as np

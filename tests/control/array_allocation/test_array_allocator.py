@@ -1,4 +1,4 @@
-"""Least heat for a whole wrench within limits, against a general solver; and the planar array's published range."""
+"""Minimum-power wrench within limits, against a general solver; published range of the planar array."""
 
 from __future__ import annotations
 

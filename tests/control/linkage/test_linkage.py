@@ -1,4 +1,4 @@
-"""The linkage, direct and by two modes, with the worlds that it renders."""
+"""Linkage, direct and by two modes, with the worlds that it renders."""
 
 import math
 

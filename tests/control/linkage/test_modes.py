@@ -1,4 +1,4 @@
-"""Two modes and a clutch: the mapping of eqs. (5)–(6), power, and switching without a jump."""
+"""Two modes and a clutch: mapping of eqs. (5)–(6), power, and switching without a step."""
 
 from __future__ import annotations
 

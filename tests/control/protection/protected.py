@@ -1,4 +1,4 @@
-"""What the tests of protection share: one tick through the door that the loop uses, and a protection without limits."""
+"""Test tools for protection: one tick through the loop's interface, and a protection without limits."""
 
 import numpy as np
 

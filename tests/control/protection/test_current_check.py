@@ -1,4 +1,4 @@
-"""Measured currents against applied voltages: sensors that lie are found, honest ones with tolerances are not."""
+"""Measured currents against applied voltages: faulty sensors are detected, tolerances are not."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Duty from current: eqs. (3), (4), (6) with a coil that warms, and with everything that could divide by zero."""
+"""Duty from current: eqs. (3), (4), (6) with a coil that warms, and all possible divisions by zero."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The guard: for every way in which a powered magnet could hurt, one test that goes red if the guard forgets it."""
+"""Guard: for each hazard of a powered magnet one test that fails if the guard ignores it."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The heat observer against true networks that are off within the tolerance: it is never below the true temperature."""
+"""Heat observer against true networks within the tolerance: its estimate is never too low."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Who commands, and which way, changes only through zero; no force of a client jumps; nothing delays a Stop."""
+"""Changes of client and mode pass through zero; no client's force steps; nothing delays a Stop."""
 
 from __future__ import annotations
 

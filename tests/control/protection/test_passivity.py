@@ -1,4 +1,4 @@
-"""Energy made by sampling and delay: seen when the analysis says so, bounded damping against it, never without need."""
+"""Energy from sampling and delay: detected where the analysis predicts it, with bounded damping only on demand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Elapsed time and missed deadlines: an overrun is found soon, one pause of the computer is none."""
+"""Elapsed time and missed deadlines: an overrun is detected quickly, a single pause of the computer is not one."""
 
 import numpy as np
 import pytest

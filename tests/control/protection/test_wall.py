@@ -1,4 +1,4 @@
-"""A wall that is too stiff for its loop comes to rest, in a hand that nobody knows; by true force and true motion."""
+"""A wall that is too stiff for its loop comes to rest, in an unknown hand; by true force and true motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Front, choice of the best, and sensitivity: against definitions, and against functions with a known answer."""
+"""Pareto front, choice of the best, and sensitivity: against definitions and functions with known results."""
 
 import numpy as np
 import pytest

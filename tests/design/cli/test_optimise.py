@@ -1,4 +1,4 @@
-"""`haptorb design optimise` as a program: interrupted, killed, beside another on one database; always the same set."""
+"""`haptorb design optimise`: interrupted, killed, or beside another on one database; always the same result."""
 
 from __future__ import annotations
 

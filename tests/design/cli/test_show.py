@@ -1,4 +1,4 @@
-"""`haptorb design show` as a program: the design that is chosen runs on a real servo, and ^C ends everything."""
+"""`haptorb design show`: the chosen design runs on a real servo, and ^C ends everything."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb design sweep`: a run, ^C, the same command again, and what goes wrong, told in one line."""
+"""`haptorb design sweep`: a run, ^C, resumption by the same command, and errors in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quantities of coil arrays: agreement with the allocator and with geometry, and the design file of one."""
+"""Quantities of coil arrays against the allocator and geometry; the design file of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every quantity of a candidate: units, agreement with independent computation, and plain refusal."""
+"""All quantities of a candidate: units, agreement with independent computation, and rejections."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The chooser's server and what it starts: one design after another with its coils off; no browser, no servo."""
+"""Server of the chooser: starts one design after another with coils off; no browser, no servo."""
 
 import json
 import threading

@@ -1,4 +1,4 @@
-"""The report of a results file: what is in it, the files beside it, and results that it cannot be made of."""
+"""Report of a results file: content, files beside it, and results without a report."""
 
 import json
 import re

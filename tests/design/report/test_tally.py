@@ -1,4 +1,4 @@
-"""What a run came to: the best of each objective, who refuses how many, and what to do where nothing is valid."""
+"""Tally of a run: best of each objective, rejections, and advice if no design is valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples: the same for the same seed, within ranges and on steps, and even over them."""
+"""Samples: reproducible by seed, within ranges and on steps, evenly distributed."""
 
 from __future__ import annotations
 

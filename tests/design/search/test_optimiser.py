@@ -1,4 +1,4 @@
-"""The optimiser: what it proposes is allowed, new, the same for the same seed, and gets better."""
+"""Optimiser: its candidates are permitted, new, reproducible by seed, and improve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results: nothing lost, nothing doubled, nothing half; what is none of ours is refused in one line."""
+"""Results: nothing lost, duplicated or incomplete; foreign files are refused in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Dask cluster computes what this process computes, to the last bit, though workers come, go and die."""
+"""A Dask cluster gives bit-identical results, also when workers join, leave or fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes compute what this process computes; a candidate that ends one is rejected; none outlives the program."""
+"""Worker processes give identical results; a candidate that ends one is rejected; none outlives the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Device files of coil arrays: what is built from them, and what is refused with which words."""
+"""Device files of coil arrays: the built device, and messages of rejected files."""
 
 from __future__ import annotations
 

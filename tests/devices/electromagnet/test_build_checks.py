@@ -1,4 +1,4 @@
-"""Only what can be built is loaded: windings against points drawn in them, and each condition broken once."""
+"""Only buildable devices are loaded: windings against points drawn in them, each condition violated once."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The polytopes of force and torque: their corners are reached, their inside is, and beyond them nothing is."""
+"""Polytopes of force and torque: corners and interior are feasible, the outside is not."""
 
 from dataclasses import replace
 

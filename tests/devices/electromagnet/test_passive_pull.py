@@ -1,4 +1,4 @@
-"""The tabulated pull: as exact as the series it stands for, conservative, and without torque about the core."""
+"""Tabulated attraction of the core: as exact as its series, conservative, no torque about the core."""
 
 from functools import cache
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""The tool's wrench maps: against the batched dipole, the charged ring and the printed equations."""
+"""The tool's wrench maps against the batched dipole, the charged ring and the printed equations."""
 
 import numpy as np
 from hypothesis import given

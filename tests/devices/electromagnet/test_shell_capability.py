@@ -1,4 +1,4 @@
-"""The forces of the card over the shell, against a search over directions with the currents that each one takes."""
+"""Forces of the card over the shell, against a search over directions with the required currents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moments per ampere from the coils' sizes and the core: against a current loop, and beside the calibrated ones."""
+"""Moments per ampere from the coils' sizes and the core: against a current loop, and the calibrated ones."""
 
 from importlib.resources import files
 

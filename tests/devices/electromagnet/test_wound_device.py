@@ -1,4 +1,4 @@
-"""A device whose windings decide what its coils are: moments, resistance, inductance, heat capacity."""
+"""A device determined by its windings: moments, resistance, inductance, heat capacity."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Coils and core of true size against a computation that shares nothing with them (`oracles.wound_coils`)."""
+"""Coils and core of true size against an independent computation (`oracles.wound_coils`)."""
 
 from __future__ import annotations
 

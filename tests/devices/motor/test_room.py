@@ -1,4 +1,4 @@
-"""Room for a motor's parts: what moves past what stands, against clouds of points at many poses of the rotor."""
+"""Clearance of a motor's parts, against point clouds at many poses of the rotor."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The PMSM: published and independent numbers, symmetries, models against each other, and its variants."""
+"""The PMSM: published and independent numbers, symmetries, models against each other, and variants."""
 
 from dataclasses import replace
 

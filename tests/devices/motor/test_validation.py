@@ -1,4 +1,4 @@
-"""What geometry and wiring validation of a ball-joint motor must catch, each mistake planted once."""
+"""Validation of geometry and wiring of a spherical motor: each mistake planted once."""
 
 import re
 from pathlib import Path

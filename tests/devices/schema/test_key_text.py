@@ -1,4 +1,4 @@
-"""The reference of all files: no key without meaning, unit, range and default, and what it says is what is refused."""
+"""Reference of all files: every key with meaning, unit, range and default, consistent with validation."""
 
 from __future__ import annotations
 

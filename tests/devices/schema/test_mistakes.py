@@ -1,4 +1,4 @@
-"""What files' mistakes are told as: once each, in the file's own words, lists counted from one."""
+"""Messages on mistakes in files: once each, in the file's own words, list entries counted from one."""
 
 from __future__ import annotations
 

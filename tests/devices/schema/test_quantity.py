@@ -1,4 +1,4 @@
-"""Units, and the definitions that are kept between two starts."""
+"""Units, and the definitions that are cached between two starts."""
 
 from __future__ import annotations
 

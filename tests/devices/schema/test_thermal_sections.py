@@ -1,4 +1,4 @@
-"""[thermal] and the supply's power in a device file: what they mean, what may be left out, what is refused."""
+"""[thermal] and the supply's power in a device file: meaning, optional keys, rejected values."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The units that are read without pint, against pint."""
+"""Units parsed without pint, against pint."""
 
 from __future__ import annotations
 

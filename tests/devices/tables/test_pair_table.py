@@ -1,4 +1,4 @@
-"""Pair tables against the exact model they come from, their kernels, and their file on disk."""
+"""Pair tables against the exact model, their kernels, and their file on disk."""
 
 from __future__ import annotations
 

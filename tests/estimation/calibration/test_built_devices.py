@@ -1,4 +1,4 @@
-"""Calibrated, a device that is not built as its file says gives what is asked for (benchmarks/built_devices.py)."""
+"""A calibrated device with tolerances renders the commanded wrench (benchmarks/built_devices.py)."""
 
 from __future__ import annotations
 

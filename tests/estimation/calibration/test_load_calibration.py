@@ -1,4 +1,4 @@
-"""A load cell's readings: what they tell of a device that is not built as its file says, and what is refused."""
+"""Calibration by a load cell of a device with tolerances, and rejected readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Magnetic calibration finds what is there, and names what is wired wrongly."""
+"""Magnetic calibration identifies the parameters, and names wiring mistakes."""
 
 from dataclasses import replace
 

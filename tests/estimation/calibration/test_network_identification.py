@@ -1,4 +1,4 @@
-"""How coils warm each other, from a record of it; and records from which it cannot be known."""
+"""Identification of thermal coupling between coils, and records that do not determine it."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The Hall tracker beside coils that are not built as their file says, at the greatest currents."""
+"""Hall tracker with coils that deviate from their file, at maximum currents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The currents at the field's own time, from measurements before and after it."""
+"""Currents at the time of the field, interpolated from earlier and later measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The filter behind the Hall tracker: its bandwidth, delay, overshoot and noise are what its docstring says."""
+"""Filter of the Hall tracker: bandwidth, delay, overshoot and noise as in its docstring."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The tool's field at the sensors against the simulated truth, and its derivatives against differences."""
+"""The tool's field at the sensors against the simulation, and its derivatives against differences."""
 
 from dataclasses import replace
 

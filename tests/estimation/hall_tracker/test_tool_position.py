@@ -1,4 +1,4 @@
-"""The tool found by nine Hall sensors while the coils are driven: how well, and that it says when it does not know."""
+"""Position from nine Hall sensors while the coils are driven: accuracy, and detection of invalid estimates."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Orientation by least squares: exact without noise, honest about noise, spin and broken sensors."""
+"""Orientation by least squares: exact without noise; consistent uncertainty, spin and faulty sensors."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The trainer: its normal equations against a Jacobian by differences, what it reaches, and what it refuses."""
+"""Trainer: normal equations against a Jacobian by differences, convergence, and rejected inputs."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Network and linear map from field to torque per ampere: symmetry, accuracy, broken sensors, files."""
+"""Network and linear map from field to torque per ampere: symmetry, accuracy, faulty sensors, files."""
 
 from dataclasses import replace
 

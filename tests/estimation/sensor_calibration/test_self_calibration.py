@@ -1,4 +1,4 @@
-"""The field sensors' self-calibration: what it observes, what it refuses; and the accuracy that is stated."""
+"""Self-calibration of the field sensors: observability, rejected inputs, and the stated accuracy."""
 
 from dataclasses import replace
 

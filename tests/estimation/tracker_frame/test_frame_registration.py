@@ -1,4 +1,4 @@
-"""Registering a tracker's frame: any frame, body and noise are found again; what people mix up is named."""
+"""Registration of a tracker's frame: recovered for any frame, body and noise; common mistakes are named."""
 
 from __future__ import annotations
 

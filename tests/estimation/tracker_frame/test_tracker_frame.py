@@ -1,4 +1,4 @@
-"""A tracker's frame as text, and what it makes of poses: the tool's, whatever the frame and the body."""
+"""A tracker's frame as text, and poses transformed by it, for any frame and body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of a design that nobody computed: an Omni whose numbers are simple functions of its parameters."""
+"""Synthetic results of a design: an Omni whose numbers are simple functions of its parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A design of the Omni that is computed in milliseconds, with every kind of parameter, and functions of its own."""
+"""Design of the Omni that computes in milliseconds, with all kinds of parameter, and functions of its own."""
 
 from __future__ import annotations
 

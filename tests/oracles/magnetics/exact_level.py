@@ -1,4 +1,4 @@
-"""Torque characteristic and sensor field without tables: any parts, at any pose, to a wanted precision.
+"""Torque characteristic and sensor field without tables: any parts, any pose, to a given precision.
 
 Truth for the tables, and the only path for parts that are tilted, off-centre or not bodies of revolution about an axis
 through the centre. Costs about a second per orientation where a table takes microseconds.

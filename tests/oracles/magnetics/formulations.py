@@ -1,4 +1,4 @@
-"""Other formulations of what two bodies do to each other, which share nothing with `wrench` but the fields."""
+"""Independent formulations of force and torque between two bodies, which share only the fields with `wrench`."""
 
 from __future__ import annotations
 

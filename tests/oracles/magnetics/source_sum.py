@@ -1,4 +1,4 @@
-"""Several sources as one: how a rotor's magnets are put together without tables."""
+"""Sum of several sources, such as a rotor's magnets, without tables."""
 
 from __future__ import annotations
 

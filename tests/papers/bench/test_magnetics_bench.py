@@ -1,4 +1,4 @@
-"""`haptorb bench magnetics`: everybody is right, and the table is beside them by orders of magnitude."""
+"""`haptorb bench magnetics`: all computations agree, and the table is faster by orders of magnitude."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""`haptorb bench` as one table: every benchmark runs, says whom it beat or missed, and is kept and read again alike."""
+"""`haptorb bench` as one table: every benchmark runs, states its comparison, and is stored and read again."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Tests of the papers' numbers ask the registry: what `haptorb reproduce` computes is computed only there."""
+"""Numbers of the papers from the registry of `haptorb reproduce`, their only implementation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, magnetics: the published multipole models in numbers, and what a fit makes of as many dipoles.
+"""Bai 2012, magnetics: the published multipole models in numbers, and a fit with as many dipoles.
 
 Errors of the torque characteristic are over the workspace, against exact bodies: `scale` is the factor that matches
 best, less one; `shape` is what is left after it.

@@ -1,4 +1,4 @@
-"""Errata E1 to E6: what Bai et al. 2012 print of the spherical motor, against what must be true of any such motor."""
+"""Errata E1 to E6: statements of Bai et al. 2012 on the spherical motor, against laws for any such motor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The comparison in a reduced form: one grip, one path (nightly); the whole is `haptorb guidance`."""
+"""Reduced comparison: one grip, one path (nightly); the complete one is `haptorb guidance`."""
 
 import json
 from dataclasses import replace

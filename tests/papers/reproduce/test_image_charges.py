@@ -1,4 +1,4 @@
-"""The second computation of the tool's wrench against the models' own: they share nothing but the device file."""
+"""Second computation of the tool's wrench against the models: they share only the device file."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The page of `haptorb reproduce`: what can be read in it with every part folded, and how numbers are said."""
+"""Page of `haptorb reproduce`: text with all parts folded, and number formats."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Items and their verdicts, the registry, the command, the page; Fig. 8 through the whole chain."""
+"""Items and verdicts, registry, command and page; Fig. 8 through the whole chain."""
 
 import json
 import re

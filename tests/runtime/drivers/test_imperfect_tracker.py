@@ -1,4 +1,4 @@
-"""A tracker with errors: its poses are noisy and late, and everything else is the driver's own."""
+"""Tracker with errors: noisy and late poses, otherwise identical to the driver's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A resting hand gives way to a lasting push, so that the coils of an untouched demonstration stay cool."""
+"""A resting hand yields to a lasting push, so that the coils of an unattended demonstration stay cool."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated driver: whole periods of time, expiring pointers, and coils off on every way out."""
+"""Simulated driver: whole periods, expiring pointer goals, and coils off at every exit."""
 
 from dataclasses import dataclass
 

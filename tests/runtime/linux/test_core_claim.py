@@ -1,4 +1,4 @@
-"""Two servos never take one core, and the dead hold none."""
+"""Two servos never use the same core; ended ones hold none."""
 
 from __future__ import annotations
 

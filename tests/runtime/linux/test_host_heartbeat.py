@@ -1,4 +1,4 @@
-"""A host that was stopped is told from one that computes, and from a computer that stood still."""
+"""A stopped host is distinguished from a busy one, and from a pause of the whole computer."""
 
 from __future__ import annotations
 

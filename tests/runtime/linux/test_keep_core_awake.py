@@ -1,4 +1,4 @@
-"""A core that stays awake for the servo, and nobody who pays for it."""
+"""Prevention of sleep states on the servo's core, without cost for others."""
 
 import os
 import signal

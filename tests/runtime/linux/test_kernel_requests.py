@@ -1,4 +1,4 @@
-"""What the kernel grants is told as granted, and to whom it was asked for."""
+"""Real-time requests to the kernel are reported as granted, and to the right process."""
 
 from __future__ import annotations
 

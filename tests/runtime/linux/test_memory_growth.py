@@ -1,4 +1,4 @@
-"""Nobody collects garbage in a servo; a person is told when that matters."""
+"""No garbage collection in a servo; growth of memory is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program that talks to a firmware is not held up by looking for garbage in everything that it has loaded."""
+"""No garbage collection of all loaded objects in a program that communicates with the firmware."""
 
 import gc
 import os

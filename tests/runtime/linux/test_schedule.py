@@ -1,4 +1,4 @@
-"""Deadlines: phase kept, none used twice, none caught up; and the real clock under a loop that overruns."""
+"""Deadlines: constant phase, none used twice, none made up; and the real clock under an overrunning loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What dead programs left goes at the next start; what belongs to the living, or to somebody else, stays."""
+"""Files of ended programs are removed at the next start; those of running programs and other users stay."""
 
 from __future__ import annotations
 

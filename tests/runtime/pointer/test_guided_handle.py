@@ -1,4 +1,4 @@
-"""The hand on a motor's handle: a hand's motion, within the workspace, that shows what it should."""
+"""Hand on a motor's handle: realistic motion, within the workspace, at the commanded pose."""
 
 from itertools import pairwise
 

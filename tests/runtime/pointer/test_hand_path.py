@@ -1,4 +1,4 @@
-"""Poses and paths that a program gives for the hand: what they mean, and what is refused before the loop hears it."""
+"""Poses and paths that a program commands for the hand: meaning, and rejection before they reach the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hand: guided, held, let go."""
+"""The hand: guided, held, released."""
 
 from __future__ import annotations
 

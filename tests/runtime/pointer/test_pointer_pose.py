@@ -1,4 +1,4 @@
-"""A pointer as tracker: believed while held, never a script's guess."""
+"""Pointer as tracker: valid while held, never extrapolated for a script."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A servo in an event loop: other tasks go on while it starts and ends, and a task that is cancelled leaves nothing."""
+"""Servo in an event loop: other tasks run during start and end; a cancelled task leaves nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The computer's clock is set while a loop runs, by a day forwards and two back: nothing that haptorb does notices.
+"""The system clock is changed while a loop runs, by a day forwards and two back, without any effect.
 
 A library between haptorb and the C library shifts CLOCK_REALTIME for all its processes; the shift stands in a file.
 """

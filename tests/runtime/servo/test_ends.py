@@ -1,4 +1,4 @@
-"""However a run ends, the coils are off first: measured from outside the program that is ended."""
+"""The coils are off first however a run ends: measured from outside the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hand as programs move it: a pose that is held, a path that is followed, and what ends them."""
+"""The hand moved by programs: a held pose, a followed path, and their ends."""
 
 from __future__ import annotations
 

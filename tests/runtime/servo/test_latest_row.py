@@ -1,4 +1,4 @@
-"""The newest tick by the names of its fields: values, units, what is said of a name that is none, and how it shows."""
+"""The newest tick by field names: values, units, unknown names, and representation."""
 
 from __future__ import annotations
 

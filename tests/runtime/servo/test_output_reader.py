@@ -1,4 +1,4 @@
-"""Messages of a servo's threads: shown on standard error, and no reason to end a thread where there is none."""
+"""Messages of a servo's threads: shown on standard error; a missing one does not end a thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A user's own world in a running servo: saved and felt, and every bug in it seen."""
+"""A user's own world in a running servo: reloaded when saved, and every bug in it reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene that diverges in a running servo: coils off, with its reason, until a person engages again."""
+"""A diverging scene in a running servo: coils off with the reason until they are engaged again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The servo as programs hold it: start, point, stop, change the world, end; with a chain that is no device."""
+"""Servo API: start, point, stop, change of the world, end; with a chain without a device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A world whose code is compiled after the start: chosen nevertheless, served without a trip, and said meanwhile."""
+"""A world whose code is compiled after the start: selectable, without a trip, and reported meanwhile."""
 
 from __future__ import annotations
 

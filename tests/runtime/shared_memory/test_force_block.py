@@ -1,4 +1,4 @@
-"""Clients' forces in shared memory: who counts, how old a command is, and what a dead writer leaves behind."""
+"""Clients' forces in shared memory: commanding client, age of a command, and data of an ended writer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two objects of haptorb, attribute by attribute, down to the last number: where they are not the same."""
+"""Comparison of two objects of haptorb, attribute by attribute, down to the last number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A client's force through the whole chain: its part of the wrench alone has a rate limit, on a tool and on a motor."""
+"""A client's force through the whole chain: its rate limit applies to its part only, on a tool and on a motor."""
 
 from __future__ import annotations
 

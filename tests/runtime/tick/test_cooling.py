@@ -1,4 +1,4 @@
-"""Heat of simulated coils: it goes when a person says so, never from real ones; a demonstration stays cool."""
+"""Heat of simulated coils: resettable by a command, never on real ones; a demonstration stays cool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the world acts on, in the row: contacts go where the layout has room for them, and nowhere else."""
+"""Contact data in a row: written where the layout has fields for them, and nowhere else."""
 
 import numpy as np
 import pytest

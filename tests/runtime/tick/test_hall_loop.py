@@ -1,4 +1,4 @@
-"""The whole loop on the field sensors alone: it renders without a tracker, and not at all for a reversed magnet."""
+"""Whole loop on the field sensors alone: renders without a tracker, and not with a reversed magnet."""
 
 from dataclasses import replace
 

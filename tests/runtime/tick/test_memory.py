@@ -1,4 +1,4 @@
-"""A world with memory in the tick: when it goes on, when it stands still, and when it begins anew."""
+"""A world with memory in the tick: advance, pause, and restart."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""The spherical motor in the whole chain: field, estimate, two modes, outlet, currents, torque; and what goes wrong."""
+"""Spherical motor in the whole chain: field, estimate, two modes, outlet, currents, torque; and failures."""
 
 from dataclasses import replace
 

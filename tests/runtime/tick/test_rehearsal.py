@@ -1,4 +1,4 @@
-"""What the servo's process does before it opens the device: after it, no code is loaded any more."""
+"""Preparation of the servo's process before it opens the device: no code is loaded afterwards."""
 
 import subprocess
 import sys

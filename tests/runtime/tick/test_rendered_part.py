@@ -1,4 +1,4 @@
-"""Which part of a wrench is rendered, and that what protects a hand from forces protects it from torques, too."""
+"""Rendered part of a wrench; limits that protect a hand from forces also apply to torques."""
 
 from dataclasses import dataclass, replace
 

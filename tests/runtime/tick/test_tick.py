@@ -1,4 +1,4 @@
-"""One tick, whole: what is rendered, what is given, and that every failure in the chain ends in coils off."""
+"""One complete tick: rendered and actual wrench; every failure in the chain ends with coils off."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

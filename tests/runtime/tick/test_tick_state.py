@@ -1,4 +1,4 @@
-"""A state has all that a chain remembers: from any moment on, a chain that was given it does what the other one did."""
+"""A state is complete: a chain restored from it continues identically from any tick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A world's budget in a tick: what is shed when it is overrun, and when it comes back."""
+"""Time budget of a world in a tick: what is left out after an overrun, and when it returns."""
 
 from __future__ import annotations
 

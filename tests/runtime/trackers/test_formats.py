@@ -1,4 +1,4 @@
-"""Poses as other programs send them: what arrives is the pose that the program means, by senders that are not ours.
+"""Poses in the formats of other programs: decoded as intended, from independent senders.
 
 python-osc sends VRChat and VMC; TUIO bundles are written byte by byte after its specification 1.1.
 """

@@ -1,4 +1,4 @@
-"""A tracker in a frame of its own, through its process, into the loop: pose, velocities, losses and times."""
+"""A tracker in its own frame, through its process, into the loop: pose, velocities, losses and times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several streams of one name: none is used until one is chosen, whichever answers first."""
+"""Several streams of one name: none is used until one is chosen, independent of the order of replies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Packets that anybody may send are read whole or refused, and never keep the reader for ever."""
+"""Arbitrary OSC packets are read completely or rejected, in bounded time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people read about poses that do not come: the source's own words, what to do, and counts."""
+"""Messages on missing poses: the source's own terms, remedies, and counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sender's clock: what was held up is seen, what tells no time is not believed, and no pose comes from the future."""
+"""A sender's clock: delays are detected, invalid time stamps ignored, and no pose is in the future."""
 
 import random
 import socket

@@ -1,4 +1,4 @@
-"""What another account can do to a tracker: read its token, take its server's port, publish its stream."""
+"""Attacks on a tracker by another account: on its token, its server's port, its stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trackers with a process of their own: named before anything starts, heard through a running servo, fuzzed."""
+"""Trackers with a process of their own: validated before the start, read by a running servo, fuzzed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What senders do besides what is documented: poses and times that are not usable are counted, named, or do no harm."""
+"""Undocumented behaviour of senders: unusable poses and times are counted, named, or harmless."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Foxglove is sent, read by the schemas that are sent with it."""
+"""Messages to Foxglove, decoded by the transmitted schemas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A viewer gets what it asked for; a slow one loses the oldest, and that is counted; nonsense does nothing."""
+"""A viewer receives its subscriptions; a slow one loses the oldest, which are counted; invalid input is ignored."""
 
 from __future__ import annotations
 

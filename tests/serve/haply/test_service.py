@@ -1,4 +1,4 @@
-"""The protocol over its sockets: one answer to each message, whoever says what, and forces only from who holds."""
+"""Protocol over its sockets: one reply to each message, and forces only from the commanding client."""
 
 from __future__ import annotations
 

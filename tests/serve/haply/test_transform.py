@@ -1,4 +1,4 @@
-"""How a client sees the tool: axes, mount and scale, and the way back of its forces."""
+"""The tool in a client's frame: axes, mount and scale, and the transformation of its forces back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stream of rows as LabRecorder stores it, read by pyxdf: names, units, numbers and times arrive."""
+"""The stream of rows as stored by LabRecorder and read by pyxdf: names, units, numbers and times."""
 
 from __future__ import annotations
 

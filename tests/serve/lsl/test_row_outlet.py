@@ -1,4 +1,4 @@
-"""Rows arrive in a real inlet of the lab streaming layer, with labels, units, times and the offsets of the clocks."""
+"""Rows in a real LSL inlet, with labels, units, times and clock offsets."""
 
 from __future__ import annotations
 

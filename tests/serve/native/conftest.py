@@ -1,4 +1,4 @@
-"""The libraries, built once, and a server before a loop whose rows a test writes."""
+"""The libraries, built once, and a server with a loop whose rows a test writes."""
 
 from __future__ import annotations
 

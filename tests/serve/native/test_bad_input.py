@@ -1,4 +1,4 @@
-"""Programs that misuse the interfaces, block, or meet no device: each says so, and no force stays."""
+"""Programs that misuse the interfaces, block, or find no device: each gets an error, and no force remains."""
 
 from __future__ import annotations
 

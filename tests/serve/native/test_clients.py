@@ -1,4 +1,4 @@
-"""Published programs, unmodified, before a run: the libraries that they load by name are those of haptorb."""
+"""Published programs, unmodified: the libraries that they load by name are those of haptorb."""
 
 from __future__ import annotations
 

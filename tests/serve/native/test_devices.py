@@ -1,4 +1,4 @@
-"""pyOpenHaptics and forcedimension-core as published, on a motor in both modes and on an array of coils."""
+"""pyOpenHaptics and forcedimension-core as published, on a motor in both modes and on a coil array."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""libHD: frames, units, the error stack and the scheduler, through the real library in a program of its own."""
+"""libHD: frames, units, error stack and scheduler, through the real library in a separate program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shared file: Python's table of it and the compiler's."""
+"""Layout of the shared file: Python's table against the compiler's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program written against the public names, linked dynamically and statically; and every name is there."""
+"""A program written against the public names, linked dynamically and statically; all names are exported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a program sees of the loop's rows and what the loop gets of its commands, through the real library."""
+"""Rows read and commands written by a program, through the real library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A trip while a program commands: report, console and recording name the program, and say how it ended."""
+"""A trip while a program commands: report, console and recording name the program, and its end."""
 
 from __future__ import annotations
 

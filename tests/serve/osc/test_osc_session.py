@@ -1,4 +1,4 @@
-"""Programs that speak OSC, through real sockets: rows come, forces and parameters arrive, nonsense does not."""
+"""OSC clients over real sockets: rows are sent, forces and parameters received, invalid input is ignored."""
 
 from __future__ import annotations
 

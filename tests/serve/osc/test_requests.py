@@ -1,4 +1,4 @@
-"""Messages that programs send are understood, or refused with a reason."""
+"""Messages of programs are parsed, or rejected with a reason."""
 
 from __future__ import annotations
 

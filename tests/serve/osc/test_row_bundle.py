@@ -1,4 +1,4 @@
-"""python-osc reads in a bundle what stood in the row."""
+"""Rows as OSC bundles, decoded by python-osc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated arm beside other ways to compute it: scipy's integrator, formulas of friction, Colgate and Schenkel."""
+"""Simulated arm against other computations: scipy's integrator, friction formulas, Colgate and Schenkel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated coil arrays: what is given against what is asked, yielding, contact, and sameness."""
+"""Simulated coil arrays: actual against commanded wrench, yielding, contact, and reproducibility."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The electromagnet that was built: what is drawn, and what it does, against a computation of another kind."""
+"""Electromagnet with tolerances: its draws, and its wrench against an independent computation."""
 
 from __future__ import annotations
 

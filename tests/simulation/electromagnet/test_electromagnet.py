@@ -1,4 +1,4 @@
-"""The simulated Omni as a whole: what it gives against what a dipole controller asks, yielding, heat, and sameness."""
+"""Simulated Omni as a whole: actual against commanded wrench, yielding, heat, and reproducibility."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""What a real device has and no model knows: a core that lags and remembers, sensors that drift and fail."""
+"""Effects beyond the controller's model: lag and hysteresis of the core, drift and failures of sensors."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Sensors of the simulation: the field at them from its three parts, and noise and steps as the device file says."""
+"""Simulated sensors: the field from its three parts, and noise and quantisation as in the device file."""
 
 import numpy as np
 import pytest

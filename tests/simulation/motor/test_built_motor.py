@@ -1,4 +1,4 @@
-"""The motor as built: its tables against the quadrature of the very bodies, its draws, the energy of its turning."""
+"""Motor with tolerances: tables against quadrature of its bodies, its draws, and energy over rotation."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The simulated spherical motor: a body that keeps its energy, coils that pay for what they give, a hand, a stop."""
+"""Simulated spherical motor: energy conservation, electrical power balance, a hand, a stop."""
 
 import dataclasses
 from dataclasses import replace

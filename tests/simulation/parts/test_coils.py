@@ -1,4 +1,4 @@
-"""Coils of the simulation: time constant, heat and power against an integrator, and the chopper's steps."""
+"""Simulated coils: time constant, heat and power against an integrator, and the chopper's steps."""
 
 from dataclasses import replace
 

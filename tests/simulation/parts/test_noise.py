@@ -1,4 +1,4 @@
-"""The simulation's noise: normal, repeatable, and read through a converter's steps."""
+"""Simulated noise: normal, reproducible, and quantised."""
 
 import numpy as np
 import pytest

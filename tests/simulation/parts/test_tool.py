@@ -1,4 +1,4 @@
-"""The tool as a rigid body: fall, spin, bounce, slide. Contact and hand never make energy."""
+"""The tool as a rigid body: fall, spin, bounce, slide. Contact and hand never generate energy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Figures for a paper: of the size asked for, with fonts inside, for every eye, named SIMULATED where they are."""
+"""Figures for a paper: size, embedded fonts, colours for any colour vision, SIMULATED where it applies."""
 
 from __future__ import annotations
 

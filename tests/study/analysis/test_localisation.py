@@ -1,4 +1,4 @@
-"""Errors on the sphere that were planted are found, with their sign; what has no direction, or no error, is said so."""
+"""Localisation errors: planted ones are found, with their sign; undefined directions are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Magnitude estimation: planted power laws are found and compared, whatever scale each person has of their own."""
+"""Magnitude estimation: planted power laws are found, independent of each participant's scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curves and thresholds of whole studies: each person's and the group's, with what the data cannot tell."""
+"""Curves and thresholds of whole studies: participants and population, with undetermined values."""
 
 from __future__ import annotations
 

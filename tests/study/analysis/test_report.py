@@ -1,4 +1,4 @@
-"""Reports: one participant gives no "nan", and a simulated device is named on every page and figure."""
+"""Reports: no "nan" with one participant, and a simulated device is named on every page and figure."""
 
 from __future__ import annotations
 

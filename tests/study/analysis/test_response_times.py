@@ -1,4 +1,4 @@
-"""Response times: each person counts alike, time-outs are counted, and a known difference is found."""
+"""Response times: equal weight per participant, time-outs counted, a planted difference found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a database holds: one kind of data; older databases, mixed ones, and the commands that must not mix them."""
+"""Kind of data in a database: only one; older databases, mixed ones, and commands that must not mix them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes with an export: units and levels of every column, and scripts that read it as it was meant."""
+"""Companions of an export: units and levels of every column, and scripts that read it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exports: the same in every form, all files or none, codes as safe names, nothing replaced that is no export."""
+"""Exports: the same in every form, all files or none, codes as safe names, only exports are replaced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Databases of two laboratories merged, and people who withdraw: recomputed with plain SQL and by the bytes on disk."""
+"""Merged databases and withdrawals: verified with plain SQL and by the bytes on disk."""
 
 from __future__ import annotations
 

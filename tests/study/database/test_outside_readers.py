@@ -1,4 +1,4 @@
-"""Exports as programs of others read them: the official BIDS validator, pandas, DuckDB, R and LibreOffice (nightly)."""
+"""Exports in other programs: the official BIDS validator, pandas, DuckDB, R and LibreOffice (nightly)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two stations, one PostgreSQL: every trial of both is there, once, in its order; and what else a server brings."""
+"""Two stations, one PostgreSQL: every trial of both is stored once, in order; errors of a server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan is checked, kept with the first session, found changed afterwards, and its tests are reported first."""
+"""A plan is validated, stored with the first session, compared afterwards, and reported first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of candidate designs: what they become, and every mistake in them named."""
+"""Files of candidate designs: the resulting candidates, and the message of each mistake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ratings, traces and the choice: kept whatever happens, and compared."""
+"""Ratings, traces and choice: durable, and compared."""
 
 from __future__ import annotations
 

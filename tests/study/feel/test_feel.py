@@ -1,4 +1,4 @@
-"""`haptorb feel`: designs one after another, rated, kept, compared."""
+"""`haptorb feel`: designs presented in sequence, rated, stored, compared."""
 
 import json
 from pathlib import Path

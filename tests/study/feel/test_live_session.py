@@ -1,4 +1,4 @@
-"""A feel session while it runs: one state for page and terminal, every rating on the disk, everybody's own order."""
+"""A running feel session: one state for page and terminal, durable ratings, an order per person."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worlds of the user's own as designs: from the command line, and in a design file."""
+"""The user's own worlds as designs: from the command line, and in a design file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Felt and computed peak: they agree, or every newton between them has a cause; and the report that says so."""
+"""Measured and computed peak: they agree, or all contributions to the difference are listed in the report."""
 
 from __future__ import annotations
 

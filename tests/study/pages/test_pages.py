@@ -1,4 +1,4 @@
-"""The pages' server without a browser: who may enter, what each page receives, and what is stored."""
+"""Server of the pages without a browser: access, content of each page, and stored data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb study run --host`: who comes from another computer needs the token of the page that he opens."""
+"""`haptorb study run --host`: other computers need the token of the page that they open."""
 
 from __future__ import annotations
 

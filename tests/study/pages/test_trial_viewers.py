@@ -1,4 +1,4 @@
-"""Recordings of trials from the experimenter's page: each is played by a viewer of its own."""
+"""Recordings of trials from the experimenter's page: each is played by a separate viewer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers are kept: durable one by one, resumed after kill -9, refused where two would write one session."""
+"""Answers are durable one by one, resumed after kill -9, and protected against two writers."""
 
 from __future__ import annotations
 

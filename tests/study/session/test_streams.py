@@ -1,4 +1,4 @@
-"""Markers and poses for other equipment: what is sent, when it was, and what is said where there is no library."""
+"""Markers and poses for other equipment: content, time stamps, and the message without the library."""
 
 from __future__ import annotations
 

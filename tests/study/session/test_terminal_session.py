@@ -1,4 +1,4 @@
-"""The terminal runner without a terminal: keys in, answers kept, the device told; and once with the real loop."""
+"""Terminal session without a terminal: keys, stored answers, device commands; and once with the real loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The device of a trial on a real loop: what happens while the program of the study gets no processor."""
+"""Device of a trial on a real loop, while the study's program gets no processor time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is typed at the terminal is stored as it was typed, or nothing is stored and a message says why."""
+"""Text typed at the terminal is stored unchanged, or rejected with a message."""
 
 from __future__ import annotations
 

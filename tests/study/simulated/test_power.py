@@ -1,4 +1,4 @@
-"""How many people: against the power of a known test, and refused where there is nothing to compare."""
+"""Number of participants: against the power of a known test, and rejected without a comparison."""
 
 from __future__ import annotations
 

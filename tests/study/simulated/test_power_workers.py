@@ -1,4 +1,4 @@
-"""Wherever participants are simulated, they answer alike to the last bit; where they cannot be, one line says why."""
+"""Simulated participants are bit-identical in all kinds of worker; errors are one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated participants: labelled, repeatable, moved by what the device delivers, and calibrated as is said."""
+"""Simulated participants: labelled, reproducible, driven by the device's force, and calibrated as documented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Before anybody is invited: a study whose world gives nothing, or nothing different, at the place of its trials."""
+"""Studies whose world renders nothing, or nothing different, at the set-points are detected in advance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""benchmarks/study/study_coverage.py whole, nightly: intervals of a group hold the truth in 93 to 97 % of studies.
+"""Complete benchmarks/study/study_coverage.py, nightly: 93 to 97 % coverage of a population's intervals.
 
 The standard error of a share of 1000 studies is 0.7 %, which is allowed below and above.
 """

@@ -1,4 +1,4 @@
-"""The group's model against closed forms and brute force, and how often its intervals hold the truth."""
+"""Population model against closed forms and brute force, and coverage of its intervals."""
 
 from __future__ import annotations
 

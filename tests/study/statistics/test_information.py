@@ -1,4 +1,4 @@
-"""Information against matrices computed by hand, against scipy's entropies, and against what was planted."""
+"""Information against matrices computed by hand, scipy's entropies, and planted values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each person's psychometric function against scipy: greatest likelihood, posterior by brute force, deviance.
+"""Psychometric functions against scipy: maximum likelihood, posterior by brute force, deviance.
 
 Limits of threshold and spread: test_slope_likelihood.py.
 """

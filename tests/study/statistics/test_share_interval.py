@@ -1,4 +1,4 @@
-"""Intervals of shares over people: against brute force, in the limits that are known, and in simulated studies."""
+"""Intervals of proportions over people: against brute force, known limits, and simulated studies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tests over people and their corrections against scipy and against hand computation; effect sizes by brute force."""
+"""Tests over people and their corrections against scipy and computation by hand; effect sizes by brute force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of threshold and spread: against scipy's optimiser, and how often they hold simulated observers."""
+"""Limits of threshold and spread: against scipy's optimiser, and coverage with simulated observers."""
 
 from __future__ import annotations
 

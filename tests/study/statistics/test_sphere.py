@@ -1,4 +1,4 @@
-"""Directions against scipy's distributions, against each other, and where they have no direction at all."""
+"""Directional statistics against scipy's distributions, against each other, and where directions are undefined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order of a session: counter-balanced, balanced in every procedure, from the seed, stored whole."""
+"""Order of a session: counterbalanced, balanced in every procedure, determined by the seed, stored complete."""
 
 from __future__ import annotations
 

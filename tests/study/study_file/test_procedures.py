@@ -1,4 +1,4 @@
-"""Procedures as state machines: what may be answered, where they end, and that they find what is there."""
+"""Procedures as state machines: permitted answers, termination, and convergence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The adaptive procedure against a QUEST+ library (questplus) as its oracle: the same choices, trial by trial."""
+"""Adaptive procedure against a QUEST+ library (questplus): the same choices, trial by trial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `haptorb study` refuses before anybody sits down: said politely, and nothing is left lying about."""
+"""Inputs that `haptorb study` rejects before a session: clear messages, and no files left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Study files: what is right is read, what is wrong is told before anyone sits down."""
+"""Study files: parsing, and mistakes reported before a session."""
 
 from __future__ import annotations
 

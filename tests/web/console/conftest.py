@@ -1,4 +1,4 @@
-"""A console over an imagined servo, served for real on a free port."""
+"""A console over a fake servo, served on a free port."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A servo of the imagination: rows as a real one would publish them, and every state on demand.
+"""Fake servo: rows as a real one would publish them, and every state on demand.
 
 The console's own tests need neither a process nor physics, and states that a healthy device does not show.
 """

@@ -1,4 +1,4 @@
-"""The server's life: its port, its end, and its page."""
+"""Server of the console: port, end, and page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nobody but this server's own page comes in."""
+"""Access control: only this server's own page connects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page makes of the scene that it gets: the bodies of its picture, by its own code and without a browser."""
+"""The page's picture of a scene: its bodies, by its own code and without a browser."""
 
 from __future__ import annotations
 

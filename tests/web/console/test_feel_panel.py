@@ -1,4 +1,4 @@
-"""A feel session over real sockets: one page rates, another watches and may stop, and nothing tells a hidden design."""
+"""A feel session over real sockets: one page rates, another observes and may stop; hidden designs stay hidden."""
 
 from __future__ import annotations
 

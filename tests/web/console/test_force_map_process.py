@@ -1,4 +1,4 @@
-"""The force map from a process of its own: the same numbers, mistakes in words, and no process left behind."""
+"""Force map from a separate process: identical numbers, mistakes in words, and no process left behind."""
 
 from __future__ import annotations
 

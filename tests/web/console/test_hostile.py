@@ -1,4 +1,4 @@
-"""A console that somebody uses, while others try everything: the reduced form of tests/fuzz/hostile_web.py."""
+"""Attacks on a console in use: the reduced form of tests/fuzz/hostile_web.py."""
 
 from __future__ import annotations
 

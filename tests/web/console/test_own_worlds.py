@@ -1,4 +1,4 @@
-"""A user's own world in the console: offered with its sliders, painted, told anew when its file was saved."""
+"""A user's own world in the console: offered with its sliders, drawn, and reloaded when its file is saved."""
 
 from __future__ import annotations
 

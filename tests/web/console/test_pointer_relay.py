@@ -1,4 +1,4 @@
-"""The hand behind the pointer: a drag lives by its own messages, a hand at rest by the page's presence."""
+"""Hand of the pointer: a drag continues with its messages, a resting hand with the page's presence."""
 
 from __future__ import annotations
 

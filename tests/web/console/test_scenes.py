@@ -1,4 +1,4 @@
-"""What the page draws is the device of the file: places, sizes and names to 1e-9, moved where the file moves them."""
+"""The page draws the device of the file: positions, sizes and names to 1e-9, following the file."""
 
 from __future__ import annotations
 

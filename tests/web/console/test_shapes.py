@@ -1,4 +1,4 @@
-"""Bodies of worlds with memory, as the page gets them."""
+"""Bodies of worlds with memory, as sent to the page."""
 
 from dataclasses import dataclass
 

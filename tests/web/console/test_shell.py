@@ -1,4 +1,4 @@
-"""The dome's mesh: closed, even, and seen from outside."""
+"""Mesh of the dome: closed, even, and oriented outwards."""
 
 from __future__ import annotations
 

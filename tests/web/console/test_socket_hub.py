@@ -1,4 +1,4 @@
-"""Pages over a real socket: every tick arrives, commands act, one page has the control, mistakes are said."""
+"""Pages over a real socket: all ticks arrive, commands act, one page has control, mistakes are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page draws of plug and socket is what the world computes."""
+"""Plug and socket on the page agree with the world's computation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The binary frames say what they should, and nothing that is not a pointer passes for one."""
+"""Binary frames: content, and rejection of anything that is not a pointer."""
 
 from __future__ import annotations
 

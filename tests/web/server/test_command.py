@@ -1,4 +1,4 @@
-"""Whatever a page sends becomes a command or a sentence; a Stop is seen in whatever it is wrapped in."""
+"""Messages of a page become commands or error messages; a Stop is detected in any message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strangers' connections end soon, take nobody's place, and are no news."""
+"""Foreign connections are closed soon, occupy no place, and are not reported."""
 
 from __future__ import annotations
 

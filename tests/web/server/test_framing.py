@@ -1,4 +1,4 @@
-"""Whose pages may stand in whose frames: by default nobody's in anybody's."""
+"""Framing of pages by other pages: forbidden by default."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Messages that no program of ours sends, to the console, to both pages of a study and to every server.
+"""Invalid messages to the console, to both pages of a study and to every server.
 
 Every one ends in a sentence or in nothing; no task or thread dies, nobody loses a place, afterwards all still works.
 """

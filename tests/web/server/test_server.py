@@ -1,4 +1,4 @@
-"""The serving thread keeps poses fresh: nothing of its own process holds it up."""
+"""The serving thread keeps poses up to date, whatever its process does."""
 
 import gc
 import subprocess

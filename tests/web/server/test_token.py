@@ -1,4 +1,4 @@
-"""Who does not know the token gets nothing but the page's files."""
+"""Without the token only the page's files are served."""
 
 from __future__ import annotations
 

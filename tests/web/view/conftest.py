@@ -1,4 +1,4 @@
-"""Recordings that were written without a servo, and a viewer of one served for real on a free port."""
+"""Recordings written without a servo, and a viewer of one, served on a free port."""
 
 from __future__ import annotations
 

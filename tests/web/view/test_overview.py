@@ -1,4 +1,4 @@
-"""The overview: least and greatest of each stretch as all rows have them, and every event at its tick."""
+"""Overview: minimum and maximum of each section as in all rows, and every event at its tick."""
 
 from __future__ import annotations
 

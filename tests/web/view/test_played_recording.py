@@ -1,4 +1,4 @@
-"""A recording that is to be played: what there is of it, and what a person is told where something is missing."""
+"""Data of a played recording, and messages on missing parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FILE#t=FROM,TO, as studies note a trial."""
+"""FILE#t=FROM,TO, the form in which studies store a trial."""
 
 from __future__ import annotations
 

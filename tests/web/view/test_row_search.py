@@ -1,4 +1,4 @@
-"""Where a time is: as NumPy's search of all times says, with few short reads."""
+"""Search for a time: result of NumPy's search of all times, with few short reads."""
 
 from __future__ import annotations
 

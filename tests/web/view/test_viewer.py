@@ -1,4 +1,4 @@
-"""The viewer's server: its doors, and what it answers; a real socket, no browser."""
+"""Server of the viewer: access, and replies; a real socket, no browser."""
 
 from __future__ import annotations
 

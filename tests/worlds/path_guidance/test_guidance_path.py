@@ -1,4 +1,4 @@
-"""Paths: their length, what is on them, and which are refused."""
+"""Paths: length, points on them, and rejected ones."""
 
 import numpy as np
 import pytest

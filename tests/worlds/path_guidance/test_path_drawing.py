@@ -1,4 +1,4 @@
-"""The tube that the console draws lies about the path, and a long path makes no large picture."""
+"""The tube that the console draws encloses the path, and a long path makes no large picture."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The controller's laws: sideways only, bounded, offset-free, nothing for a hand that rests, and warm-started."""
+"""Controller: lateral only, bounded, offset-free, zero for a resting hand, and warm-started."""
 
 import numpy as np
 import pytest

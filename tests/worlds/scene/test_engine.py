@@ -1,4 +1,4 @@
-"""Contacts, sticking, stacks, joints and tendons are MuJoCo's own: pushed alike, it does alike without haptorb."""
+"""Contacts, sticking, stacks, joints and tendons are MuJoCo's: identical motion without haptorb."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes of MuJoCo: what is felt of them, what lasts, and what is said of scenes that cannot be."""
+"""MuJoCo scenes: contact forces, state over time, and messages of unsupported scenes."""
 
 from __future__ import annotations
 

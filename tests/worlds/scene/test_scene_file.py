@@ -1,4 +1,4 @@
-"""A scene's file: what is watched, and what stays when it is saved."""
+"""A scene's file: watched files, and the state that is kept when it is saved."""
 
 from __future__ import annotations
 

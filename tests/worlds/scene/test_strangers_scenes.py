@@ -1,4 +1,4 @@
-"""Scenes from strangers: what they name and ask for is bounded, and a compiler that fails takes nothing with it."""
+"""Foreign scenes: bounded files and resources, and an isolated compiler."""
 
 from __future__ import annotations
 

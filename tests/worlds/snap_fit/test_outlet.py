@@ -1,4 +1,4 @@
-"""The outlet: pulling, tilting, letting go; against eqs. (14)–(18) where they hold."""
+"""Outlet: pulling, tilting, releasing; against eqs. (14)–(18) where they apply."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The snap-fit: what the hand meets on the way in and out, against eqs. (10)–(11), and hooks that cannot work."""
+"""Snap-fit: insertion and pull-out forces, against eqs. (10)–(11), and hooks that cannot work."""
 
 from __future__ import annotations
 

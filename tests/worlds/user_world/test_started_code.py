@@ -1,4 +1,4 @@
-"""What a recording names runs only if this account has started just that code, from there, by name."""
+"""Code named by a recording runs only if this account started exactly that code, from there, by name."""
 
 from __future__ import annotations
 

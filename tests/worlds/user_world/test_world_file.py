@@ -1,4 +1,4 @@
-"""A world in a user's file: what may stand in it, and what is said where it cannot be used."""
+"""A world in a user's file: permitted content, and messages if it cannot be used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chips as their data sheets have them, and the host's register drivers against them."""
+"""The emulated chips against their data sheets, and the host's register drivers against the chips."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The driver that talks to the chips itself: limits, latches, and a guardian that outlives it."""
+"""I²C driver: limits, latches, and a guardian process that outlives it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bus that fails: off is tried until the chip confirms it, nobody says so before, and nobody engages before."""
+"""A failing bus: off is retried until confirmed, not reported before, and blocks engaging."""
 
 from __future__ import annotations
 

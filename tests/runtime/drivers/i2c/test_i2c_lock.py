@@ -1,4 +1,4 @@
-"""Two programs and one chip: the second is told who has it, whoever they are and however the first one ends."""
+"""Two programs on one chip: the second is refused, with the owner's name, however the first ends."""
 
 from __future__ import annotations
 

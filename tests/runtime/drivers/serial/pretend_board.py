@@ -1,4 +1,4 @@
-"""A board that answers as the firmware does, on a pseudo-terminal, in a thread: for tests that need no emulator."""
+"""Board on a pseudo-terminal, in a thread, that answers like the firmware: for tests without an emulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames: alike on both sides, found in any noise, never invented."""
+"""Frames: identical on both sides, found in any noise, never falsely detected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages: what the bytes say, in SI, and what is said when they say something else."""
+"""Messages: decoded bytes in SI units, and errors of invalid ones."""
 
 from __future__ import annotations
 

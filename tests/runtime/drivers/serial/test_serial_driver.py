@@ -1,4 +1,4 @@
-"""The serial driver against a board that answers as a test wants: what is refused, what latches, what it is told as."""
+"""Serial driver with a scripted board: rejected replies, latches, and reported reasons."""
 
 from __future__ import annotations
 

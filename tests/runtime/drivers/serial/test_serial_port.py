@@ -1,4 +1,4 @@
-"""What answers at a port, and what does not: every mistake of the desk, in one sentence that says what to do."""
+"""Detection of the board at a port: every mistake in one sentence with its remedy."""
 
 from __future__ import annotations
 
