@@ -1,4 +1,4 @@
-"""Page of `examples/clients` in a real browser with the simulated Omni: its wall pushes the tool, and it displays so."""
+"""Page of `examples/clients` in a real browser with the simulated Omni: its wall pushes the tool, as displayed."""
 
 from __future__ import annotations
 
