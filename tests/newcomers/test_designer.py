@@ -122,6 +122,7 @@ def test_her_mistakes_are_one_message(folder: Path, shell: Any, words: list[str]
     assert not (folder / "door-session").exists()
 
 
+@pytest.mark.slow  # the panel, the ratings and the report have tests of their own
 @pytest.mark.browser
 @pytest.mark.realtime
 def test_she_feels_two_designs_blind_rates_them_and_reads_the_report(folder: Path, page: Any) -> None:
