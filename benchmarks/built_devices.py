@@ -1,4 +1,4 @@
-"""The force of devices that are not built as their file says against the one asked for, before calibration and after.
+"""Actual against commanded force of devices with tolerances, before and after calibration.
 
     python benchmarks/built_devices.py [--devices 1000] [--seed 1000] [--asked 0.15] [--all-steps] [--json]
 

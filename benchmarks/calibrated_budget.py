@@ -1,4 +1,4 @@
-"""Whether devices that were calibrated first lie in the band of `haptorb inspect omni --errors --calibration`.
+"""Coverage of the band of `haptorb inspect omni --errors --calibration` by calibrated simulated devices.
 
     python benchmarks/calibrated_budget.py [--devices 500] [--estimator tracker] [--seed 1000] [--into FILE] [--json]
 

@@ -1,4 +1,4 @@
-"""A simulated device whose sensors read something else than the simulation says: errors, or a field from outside."""
+"""Simulated device with modified sensor readings: errors, or an external field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Another commit and this tree by turns, in one run on one machine: ticks, and the first start.
+"""Another commit and this tree alternately, in one run on one machine: ticks, and the first start.
 
     python benchmarks/commits_in_turns.py COMMIT [--rounds 5] [--only ticks|start] [--folder FOLDER] [--json]
 

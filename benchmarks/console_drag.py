@@ -1,4 +1,4 @@
-"""Whether dragging in a real browser on a busy computer trips the simulated device.
+"""Trips of the simulated device by dragging in a real browser on a busy computer.
 
     python benchmarks/console_drag.py [--minutes 10] [--busy 1] [--device omni] [--json]
 

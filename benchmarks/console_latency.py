@@ -1,4 +1,4 @@
-"""From the drag of a pointer to the force that answers it, drawn in a real browser, in milliseconds.
+"""Latency from the drag of a pointer to the drawn force in a real browser [ms].
 
     python benchmarks/console_latency.py [--seconds 10] [--detail LEVEL] [--json]
 

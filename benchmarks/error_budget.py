@@ -1,4 +1,4 @@
-"""Whether the error of simulated devices lies in the band of `haptorb inspect DEVICE --errors` as often as it says.
+"""Coverage of the band of `haptorb inspect DEVICE --errors` by simulated devices.
 
 python benchmarks/error_budget.py [omni] [pmsm] [planar] [--devices 1500] [--seed 1000] [--into FILE] [--json]
 

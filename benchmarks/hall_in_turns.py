@@ -1,4 +1,4 @@
-"""How well the tool is found all over the shell when its 27 field channels come in turns, through the real firmware.
+"""Accuracy of the tool's pose over the shell with 27 multiplexed field channels, through the emulated firmware.
 
     python benchmarks/hall_in_turns.py [--pace 0.15] [--places 4] [--ticks 300] [--json]
 

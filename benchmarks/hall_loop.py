@@ -1,4 +1,4 @@
-"""Whether the real firmware's loop holds a tool that only its Hall sensors see, at real time.
+"""Real-time loop of the emulated firmware with the tool's pose from its Hall sensors only.
 
     python benchmarks/hall_loop.py [--runs 3] [--seconds 10] [--rate 1000] [--tracker hall] [--json]
 

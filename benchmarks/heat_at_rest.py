@@ -1,4 +1,4 @@
-"""How warm an untouched demonstration becomes: every world of the catalogue, after the guided motion.
+"""Temperature of an unattended demonstration: every world of the catalogue, after the guided motion.
 
     python benchmarks/heat_at_rest.py [--json]
 

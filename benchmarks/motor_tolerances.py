@@ -1,4 +1,4 @@
-"""Torque errors of simulated motors with one tolerance drawn at a time, against the row of the error budget for it.
+"""Spread of the torque per ampere of a motor's coil within [tolerance], against `uncertainty.coil`.
 
     python benchmarks/motor_tolerances.py [pmsm] [pmsm-three-rings] [--motors 100] [--places 4] [--seed 1]
 

@@ -1,4 +1,4 @@
-"""The tool by the field sensors, tried: simulated devices, calibrated as `haptorb calibrate` does, over the shell.
+"""Accuracy of the tool's pose by the field sensors over the shell: simulated, calibrated devices.
 
     python benchmarks/sensing_accuracy.py [--specimens 3] [--first 0] [--places 16] [--dead 5] [--earth] [--turned]
                                           [--json]

@@ -1,4 +1,4 @@
-"""How long it takes to set three coils and read them back through the emulated firmware, and what the bus manages.
+"""Time to set three coils and read them back through the emulated firmware, and capacity of the bus.
 
     python benchmarks/serial_cycle.py [--pace 0.1] [--cycles 2000] [--board m328p] [--json]
 

@@ -1,4 +1,4 @@
-"""What a memory costs a tick: the same force from a world without and from one with a memory of 32 numbers, by turns.
+"""Cost of a world's memory per tick: the same force without and with a memory of 32 numbers, alternately.
 
     python benchmarks/world_memory.py [--rounds 60] [--json]
 

@@ -1,4 +1,4 @@
-"""From saving a world's file to its new force in the console, in seconds.
+"""Time from saving a world's file to its new force in the console [s].
 
     python benchmarks/world_reload.py [--saves 10] [--json]
 

@@ -1,4 +1,4 @@
-"""A change of one factor or sign in a source file, located in its syntax tree: by function and by what is assigned.
+"""Changes one factor or sign in a source file, located in its syntax tree by function and assigned name.
 
 No source is quoted, so nothing has to be kept in step with its wording: a mutation names a function (dotted inside a
 class; empty for the module itself) and a target in it, which is a name, subscript or attribute that is assigned, a

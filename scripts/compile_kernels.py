@@ -1,4 +1,4 @@
-"""Compile what devices need into numba's cache: `compile_kernels.py [DEVICE …]`; without arguments omni, planar, pmsm.
+"""Compile kernels for devices into numba's cache: `compile_kernels.py [DEVICE …]`; by default omni, planar, pmsm.
 
 What is there already is loaded, which takes a second. The tests start hundreds of servos for a second or two. Without
 this each of them would start to compile the worlds of the catalogue anew, and none of them would come to an end.

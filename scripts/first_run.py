@@ -1,4 +1,4 @@
-"""How long `make run` takes from a fresh clone to the console's address: python scripts/first_run.py [--write]
+"""Time of `make run` from a fresh clone to the console's address: python scripts/first_run.py [--write]
 
 The committed files are cloned into a temporary folder and started with an empty home: without caches, and without
 settings except those with which pip and npm reach their registries. Printed: the whole time, haptorb's own share

@@ -1,4 +1,4 @@
-"""Change one factor or sign of the physics and see the rows go red: `python scripts/mutate_physics.py [WORD…]`.
+"""Change one factor or sign of the physics and check that rows fail: `python scripts/mutate_physics.py [WORD…]`.
 
 With words: only the mutations in whose name one of them stands. A row of `haptorb reproduce` that cannot turn red shows
 nothing. So each mutation of `physics_mutations.MUTATIONS` is made in a copy of the sources, and the rows are computed

@@ -1,4 +1,4 @@
-"""What `mutate_physics.py` changes: one factor or sign each, in every physics file and in what else rows stand on."""
+"""Mutations of `mutate_physics.py`: one factor or sign each, in all physics files and other sources of rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Break the code once per promise of the safety concept and see its command fail.
+"""Break the code once per promise of the safety concept and check that its command fails.
 
     python scripts/prove_promises.py [WORD…] [--list] [--intact]
 

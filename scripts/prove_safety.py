@@ -1,4 +1,4 @@
-"""Break the safety code once per rule and see that a test goes red.
+"""Break the safety code once per rule and check that a test fails.
 
     python scripts/prove_safety.py [--jobs N] [--skip FILE] [WORD…]
 

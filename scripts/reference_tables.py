@@ -1,4 +1,4 @@
-"""Write what the program knows into README.md and docs: keys, commands, addresses, rows, trips, worlds, benchmarks.
+"""Write generated tables into README.md and docs: keys, commands, addresses, rows, trips, worlds, benchmarks.
 
 usage: python scripts/reference_tables.py [--check]
 

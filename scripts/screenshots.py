@@ -1,4 +1,4 @@
-"""Pictures of the console: every state, both themes, five sizes; and of the study's pages, in a trial and a break.
+"""Screenshots of the console: every state, both themes, five sizes; and of the study's pages, in a trial and a break.
 
     python scripts/screenshots.py [FOLDER [WORD ...]]
 

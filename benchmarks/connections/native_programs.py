@@ -1,4 +1,4 @@
-"""Programs for the libraries of other makers beside a running loop: what calls cost, how late forces are.
+"""Programs for other makers' libraries with a running loop: cost of calls, and delay of forces.
 
     python benchmarks/connections/native_programs.py [PART …] [--seconds S] [--kills N] [--device NAME]
 

@@ -1,4 +1,4 @@
-"""Clients for `serve_haply.py`, each a process of its own.
+"""Clients for `serve_haply.py`, each in a separate process.
 
     python benchmarks/connections/serve_clients.py TASK PORT [SECONDS]
 

@@ -1,4 +1,4 @@
-"""The server of `--serve haply` beside servo and console: answers, force at the coils, dead clients, hostile ones.
+"""Server of `--serve haply` with servo and console: replies, force at the coils, dead and hostile clients.
 
     python benchmarks/connections/serve_haply.py [--seconds 10] [--repetitions 100] [--json]
 

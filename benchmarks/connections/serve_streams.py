@@ -1,4 +1,4 @@
-"""The servers of `--serve osc`, `lsl` and `foxglove` side by side: what their readers get, and what a flood does.
+"""Servers of `--serve osc`, `lsl` and `foxglove` together: rows received by clients, and effect of a flood.
 
     python benchmarks/connections/serve_streams.py [--seconds 10] [--json]
 

@@ -1,4 +1,4 @@
-"""The devices that searches found, against those that they began with: figures of docs/explanation/found-devices.md.
+"""Devices found by searches against their base devices: figures of docs/explanation/found-devices.md.
 
     python benchmarks/design/found_devices.py [DEVICE ...] [--orientations 6000] [--trial] [--every 3] [--json]
 

@@ -1,4 +1,4 @@
-"""What decided between pymoo and Optuna: what the optimiser itself takes, and how good the front is that it finds.
+"""Comparison of pymoo and Optuna: time of the optimiser itself, and quality of its Pareto front.
 
     python benchmarks/design/optimiser_libraries.py [--evaluations 10000] [--seeds 3]
 

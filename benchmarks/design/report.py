@@ -1,4 +1,4 @@
-"""How fast the report of 10 000 valid designs opens in Chromium, and how it follows the pointer.
+"""Time to open the report of 10 000 valid designs in Chromium, and response to the pointer.
 
     python benchmarks/design/report.py [--designs 10000] [--rounds 5] [--chromium /usr/bin/chromium] [--json]
 

@@ -1,4 +1,4 @@
-"""How many designs a minute a run makes, on one process and on more; memory and time to go on with 10 000 of them.
+"""Designs per minute with one process and with more; memory and time to resume a run of 10 000.
 
     python benchmarks/design/scale.py [examples/design/motor-latitudes.toml] [--designs 200] [--processes 2]
                                       [--at-least 500] [--json]

@@ -1,4 +1,4 @@
-"""A planar array of 100 coils: time of its exact wrench map and of its allocation, error of the map, ticks on time.
+"""Planar array of 100 coils: time of its exact wrench map and of its allocation, error of the map, late ticks.
 
     python benchmarks/devices/coil_array_speed.py [--seconds 10] [--poses 400]
 

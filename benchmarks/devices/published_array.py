@@ -1,4 +1,4 @@
-"""Compare the planar array with published data on arrays of Berkelman et al., and its force per ampere in two ways.
+"""The planar array against published data of Berkelman et al., and its force per ampere by two methods.
 
     python benchmarks/devices/published_array.py [--json]
 

@@ -1,4 +1,4 @@
-"""What a simulated specimen costs and how far it is from its file: figures of decision 19.
+"""Computing time of a simulated specimen, and its deviation from its file: figures of decision 19.
 
     python benchmarks/devices/simulated_specimens.py [omni] [pmsm] [planar] [--specimens 3] [--poses 100] [--json]
 

@@ -1,4 +1,4 @@
-"""This library against its peers and its own promises: same run, same problem, one table."""
+"""Benchmarks of this library against others and against its limits: same run, same problem, one table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torque to currents within their limits: the dual Newton of this library and DAQP, the same problems in one run."""
+"""Torque to currents within limits: this library's dual Newton method and DAQP on the same problems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb bench`: this library against its peers and its limits."""
+"""`haptorb bench`: this library against others and against its limits."""
 
 from __future__ import annotations
 

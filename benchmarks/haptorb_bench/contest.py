@@ -1,4 +1,4 @@
-"""Timing by turns, and what came out: one row per contestant, with its error against one common reference."""
+"""Alternating timing and its results: one row per contestant, with its error against a common reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long one update of each of a spherical motor's estimators takes, while the rotor swings at hand speed."""
+"""Time of one update of each estimator of a spherical motor, with the rotor moving at hand speed."""
 
 from __future__ import annotations
 

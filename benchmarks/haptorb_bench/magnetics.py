@@ -1,4 +1,4 @@
-"""`haptorb bench magnetics`: all coils' torque and all sensors' field of the spherical motor, by all who can.
+"""`haptorb bench magnetics`: torque of all coils and field at all sensors of the spherical motor, by all libraries.
 
 The reference is an independent closed form (magpylib.core) over a much finer winding, else this library's exact model.
 """

@@ -1,4 +1,4 @@
-"""Benchmarks that are programs of their own: `haptorb check`, and those in the folder benchmarks of a clone.
+"""Benchmarks in separate programs: `haptorb check`, and those in the folder benchmarks of a clone.
 
 They need a browser, a cross-compiled firmware or a database; in an installed package without the clone, or where one
 of these is missing, its row says so.

@@ -1,4 +1,4 @@
-"""The same motor by other libraries, each by its fastest path that we found.
+"""The same motor in other libraries, each by its fastest known method.
 
 All peers get the winding as the same Gauss filaments and the same rotor; what differs is how the magnets' field comes
 about. Each function gives torque on the rotor per coil (3, m) [N·m/A] or field at the sensors (k, 3) [T].

@@ -1,4 +1,4 @@
-"""Rows a second into a recording, and how many bytes they take, beside plain ways of keeping the same numbers."""
+"""Rows per second into a recording, and bytes per row, against simple ways to store the same numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All benchmarks in one table, with the facts of the machine: measured, judged by their limits, stored and shown."""
+"""All benchmarks in one table with the data of the machine: stored as JSON, printed as text or Markdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people wait for, and what it takes: from the command to the first tick, the help, and the memory of a run."""
+"""Start-up: time from the command to the first tick, time of the help, and memory of a run."""
 
 from __future__ import annotations
 

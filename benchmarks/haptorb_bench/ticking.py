@@ -1,4 +1,4 @@
-"""One tick of the whole chain, in this process and without a clock: what the computer needs, nothing else."""
+"""Computing time of one tick of the whole chain, in this process and without a clock."""
 
 from __future__ import annotations
 

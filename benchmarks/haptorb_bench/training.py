@@ -1,4 +1,4 @@
-"""Training one network of the motor: own Levenberg–Marquardt, and SciPy from the same start to the same rms."""
+"""Training of one network of the motor: own Levenberg–Marquardt, and SciPy from the same start to the same rms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An hour of a device at 1 kHz as one recording: how long it takes to open, to tell of and to cut a piece out of.
+"""One hour of a device at 1 kHz as one recording: time to open, to summarise and to cut out a part.
 
     python benchmarks/recordings/long_recording.py [FILE] [--hours 1] [--folder DIR] [--json]
 

@@ -1,4 +1,4 @@
-"""How fast recordings replay, and whether to the bit: a minute of every device with every estimator.
+"""Speed and bit-exactness of replay: one minute of every device with every estimator.
 
     python benchmarks/recordings/replay.py [--seconds 60] [--cases omni/tracker,pmsm/linear] [--folder DIR] [--json]
 

@@ -1,4 +1,4 @@
-"""What a tick pays so that its recording can run again: readings and commands in the row, and a state now and then.
+"""Cost per tick of a replayable recording: readings and commands in the row, and a state at intervals.
 
     python benchmarks/recordings/replay_cost.py [--ticks 6000] [--json]
 

@@ -1,4 +1,4 @@
-"""`haptorb view` of an hour at 1 kHz: how long it takes to open, how it scrubs in a real browser, what it needs.
+"""`haptorb view` of an hour at 1 kHz: time to open, scrubbing in a real browser, and memory.
 
     python benchmarks/recordings/view_recording.py [FILE] [--hours 1] [--folder DIR] [--scrub 8] [--json]
 

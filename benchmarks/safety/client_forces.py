@@ -1,4 +1,4 @@
-"""Programs that command forces, in random order: how fast does the force change, and what do changes put into a hand?
+"""Programs that command forces in random order: rate of change of the force, and energy transferred into a hand.
 
     python benchmarks/safety/client_forces.py [--events N] [--seed S]
 

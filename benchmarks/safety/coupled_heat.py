@@ -1,4 +1,4 @@
-"""Coils that warm each other, off from the device file within its tolerance: is a winding ever hotter than is observed?
+"""Thermally coupled coils within tolerance: comparison of true and observed winding temperature.
 
     python benchmarks/safety/coupled_heat.py [--devices N] [--minutes M]
 

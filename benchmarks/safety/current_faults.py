@@ -1,4 +1,4 @@
-"""Current sensors that lie: how soon the guard trips, and whether it ever trips without a reason.
+"""Faulty current sensors: time until the guard trips, and false trips.
 
     python benchmarks/safety/current_faults.py [--hours H] [--faults N]
 

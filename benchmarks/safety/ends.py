@@ -1,4 +1,4 @@
-"""Every way in which a run ends, beside everything that may hang then: when are the coils off?
+"""Time until the coils are off for every way in which a run can end, with everything that may hang.
 
     python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--into FILE.jsonl] [--json]
 

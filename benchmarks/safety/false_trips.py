@@ -1,4 +1,4 @@
-"""Does the guard ever trip without a reason? Real time, the default device and world, busy processes beside it.
+"""False trips of the guard: real time, the default device and world, busy processes beside it.
 
     python benchmarks/safety/false_trips.py [--minutes M] [--busy N] [--device omni]
 

@@ -1,4 +1,4 @@
-"""The I²C bus refuses or hangs at every place of a session: when are the coils off, and does anybody say so too early?
+"""I²C faults at every point of a session: time until the coils are off, and premature confirmations.
 
     python benchmarks/safety/i2c_faults.py [--faults 1000] [--guardians 100] [--json]
 

@@ -1,4 +1,4 @@
-"""Another account of this computer against a run: does it move a coil, read a pose or a token, or move the pose?
+"""Attacks of another account of this computer on a run: coils, poses, tokens, and the tracker's pose.
 
     python benchmarks/safety/other_accounts.py [--attempts N]        (as root: it starts a process of the account 65534)
 

@@ -1,4 +1,4 @@
-"""A run of half an hour with console, two programs and a recording: trips, lateness, memory, what is left behind.
+"""A run of half an hour with console, two programs and a recording: trips, lateness, memory, leftovers.
 
     python benchmarks/safety/soak.py [--minutes 30] [--json]
 

@@ -1,4 +1,4 @@
-"""Walls stiffer than their loop: what the passivity control leaves of them, by true force and true motion.
+"""Walls stiffer than their loop: stiffness that remains under passivity control, by true force and true motion.
 
     python benchmarks/safety/stiff_walls.py [--long] [--json]
 

@@ -1,4 +1,4 @@
-"""Resets at random times after STORE: is an id that the firmware called kept ever lost?
+"""Resets at random times after STORE: loss of an id that the firmware has confirmed.
 
     python benchmarks/safety/store_resets.py [--resets 100] [--board m328p] [--seed 0]
 

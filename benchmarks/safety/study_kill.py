@@ -1,4 +1,4 @@
-"""A simulated study killed with SIGKILL at random moments: what is lost, what is doubled, and how long resuming takes.
+"""A simulated study killed with SIGKILL at random moments: lost and duplicated data, and time to resume.
 
     python benchmarks/safety/study_kill.py [--kills 200] [--json]
 

@@ -1,4 +1,4 @@
-"""From a page's Stop to coils that are off, in every state of a study, while another process holds the database.
+"""Time from a page's Stop to coils off, in every state of a study, while another process locks the database.
 
     python benchmarks/safety/study_stop.py [--repetitions 6] [--lock 30] [--json]
 

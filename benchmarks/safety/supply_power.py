@@ -1,4 +1,4 @@
-"""The supply's power limit in 10⁶ random wrenches: both layers that keep it, the allocators and the guard.
+"""Power limit of the supply in 10⁶ random wrenches: in both layers, the allocators and the guard.
 
     python benchmarks/safety/supply_power.py [--wrenches N]
 

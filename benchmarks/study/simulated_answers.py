@@ -1,4 +1,4 @@
-"""Answers of people whose psychometric function, accuracy and errors are known; drawn without the fits under test."""
+"""Answers of people with known psychometric function, accuracy and errors; drawn without the fits under test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long the analysis of a study takes: 300 trials of the published study, and 60 people with 500 trials each.
+"""Time to analyse a study: 300 trials of the published study, and 60 people with 500 trials each.
 
     python benchmarks/study/study_analysis.py [--people 60] [--trials 500] [--json]
 

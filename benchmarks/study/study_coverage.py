@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of a study hold the truth, in simulated studies; all cores, fixed seeds.
+"""Coverage of a study's 95 % intervals in simulated studies; all cores, fixed seeds.
 
     python benchmarks/study/study_coverage.py [--studies 1000] [--first 0] [--cores N] [--json]
         [--rows group corners misfit door adaptive] [--people 6 12 24] [--sd 0 0.05 0.15]

@@ -1,4 +1,4 @@
-"""Whether errors on the sphere and information are found as they were planted, study after study.
+"""Recovery of planted errors on the sphere and of planted information, in simulated studies.
 
     python benchmarks/study/study_localisation.py [--studies 1000] [--people 6] [--json]
 

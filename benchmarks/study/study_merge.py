@@ -1,4 +1,4 @@
-"""How long `haptorb study merge` takes for two databases of 30 people each, 120 trials and a recording of each person.
+"""Time of `haptorb study merge` for two databases of 30 people each, 120 trials and a recording per person.
 
     python benchmarks/study/study_merge.py [--people 30] [--trials 120] [--megabytes 1] [--limit 5] [--json]
 

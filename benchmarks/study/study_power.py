@@ -1,4 +1,4 @@
-"""Whether `study power` says what `study analyse` finds: its power against whole analyses of simulated studies.
+"""Power by `study power` against the share of significant results of `study analyse` in simulated studies.
 
     python benchmarks/study/study_power.py [--studies 4000] [--json]
 

@@ -1,4 +1,4 @@
-"""What intervals of a psychometric function say where the answers hardly depend on the level; fixed seeds.
+"""Intervals of a psychometric function whose answers hardly depend on the level; fixed seeds.
 
     python benchmarks/study/study_spreads.py [--studies 2000] [--groups 400] [--rows person group] [--json]
         [--observers careful ...] [--designs 0 1 2] [--people 6 12] [--seed 0]

@@ -1,4 +1,4 @@
-"""How long a tick of the world `path_guidance` takes, and its worst solution.
+"""Time of a tick of the world `path_guidance`, and its worst solution.
 
     python benchmarks/worlds/guidance_solve.py [--json]
 

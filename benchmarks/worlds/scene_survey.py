@@ -1,4 +1,4 @@
-"""Scenes that other people wrote: how many MJCF files of public packages can be felt, and why the others cannot.
+"""Survey of MJCF files of public packages: how many can be rendered, and why the others cannot.
 
 usage: python benchmarks/worlds/scene_survey.py [--folder FOLDER] [--seconds 2] [--store FILE]
 

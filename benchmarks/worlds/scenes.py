@@ -1,4 +1,4 @@
-"""Scenes of MuJoCo in the loop: in time, without growth, and passive in a random hand.
+"""MuJoCo scenes in the loop: timing, memory growth, and passivity with a random hand.
 
     python benchmarks/worlds/scenes.py [--minutes 10] [--seconds 60] [--ticks 100000] [--only PART] [--json]
 

@@ -1,4 +1,4 @@
-"""`haptorb estimators`: the ways of knowing a spherical motor from its field, side by side."""
+"""`haptorb estimators`: comparison of methods to estimate a spherical motor's orientation or torque from its field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`haptorb guidance`: kinds of guidance along a path, side by side, with simulated hands."""
+"""`haptorb guidance`: comparison of guidance along a path, with simulated hands."""
 
 from __future__ import annotations
 

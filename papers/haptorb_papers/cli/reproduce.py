@@ -1,4 +1,4 @@
-"""`haptorb reproduce`: every table, figure and number of both papers again, as one page and as JSON."""
+"""`haptorb reproduce`: every table, figure and number of both papers, as one page and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The estimators of a spherical motor side by side: Bai 2012 fig. 4 and beyond."""
+"""Comparison of the estimators of a spherical motor: Bai 2012 fig. 4 and beyond."""
 
 from __future__ import annotations
 

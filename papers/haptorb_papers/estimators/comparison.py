@@ -1,4 +1,4 @@
-"""Estimators side by side against every disturbance: error of K, of the torque delivered, of orientation, and time."""
+"""Comparison of estimators under every disturbance: error of K, of the actual torque, of orientation, and time."""
 
 from __future__ import annotations
 

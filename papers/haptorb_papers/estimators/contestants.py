@@ -1,4 +1,4 @@
-"""The estimators that are compared, each asked the same: torque per ampere of every channel, and orientation."""
+"""The compared estimators with a common interface: torque per ampere of every channel, and orientation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each error of a motor's field sensors does to orientation and torque: `haptorb estimators DEVICE --sensors`.
+"""Effect of each error of a motor's field sensors on orientation and torque: `haptorb estimators DEVICE --sensors`.
 
 Least squares is asked, the default of the loop, at random orientations over the workspace, no currents flowing; errors
 as the device file has them, each alone and all together, on several devices that are drawn from these distributions.

@@ -1,4 +1,4 @@
-"""A comparison of estimators for people: tables on a terminal, and a figure."""
+"""Output of a comparison of estimators: tables on a terminal, and a figure."""
 
 from __future__ import annotations
 

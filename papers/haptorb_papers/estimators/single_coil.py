@@ -1,4 +1,4 @@
-"""K of one electromagnet from the field by a network of its own, as Bai 2012 §2.3 has it; and how well it follows.
+"""K of one electromagnet from the field by a separate network, as in Bai 2012 §2.3; its tracking error.
 
 Each component is judged by itself: by R², the share of its variance that is met, and by the greatest error over the
 component's own range. An error over the mean would hide much where a component hardly changes: along Fig. 4, K_Y of

@@ -1,4 +1,4 @@
-"""Kinds of guidance side by side: simulated persons of three grips on four paths."""
+"""Comparison of kinds of guidance: simulated persons with three grips on four paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulated person who follows a path by heading and pace, with a hand that is none of the controller's own.
+"""Simulated person who follows a path by heading and pace, with a hand model unknown to the controller.
 
 The hand is a spring and a damper towards where the person means to be (the simulated device has them). That point goes
 on with the person's own pace, slower in bends (speed falls with the cube root of curvature: Lacquaniti, Terzuolo and

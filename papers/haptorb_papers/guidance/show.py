@@ -1,4 +1,4 @@
-"""A comparison of guidance for people: tables on a terminal, and a figure."""
+"""Output of a comparison of guidance: tables on a terminal, and a figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Both papers again: every number that they state beside the one computed here, and figures drawn from the chain."""
+"""Reproduction of both papers: every stated number beside the computed one, and figures drawn from the simulation."""
 
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.page import report_page

@@ -1,4 +1,4 @@
-"""Where in a paper statements come from: makes the items of one module without saying paper and place every time."""
+"""Source of statements in a paper: makes the items of one module with the same paper and place."""
 
 from __future__ import annotations
 

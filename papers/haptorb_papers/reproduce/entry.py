@@ -1,4 +1,4 @@
-"""A value that the package holds: in a device file, in a world or in a table of constants, where nothing computes it.
+"""A value stored in the package: in a device file, in a world or in a table of constants, instead of computed.
 
 A statement whose value is an `Entry` can only be a transcription: an entry is found by a path of names, so no formula
 can hide in it. What the device file marks as assumed is known to be assumed.

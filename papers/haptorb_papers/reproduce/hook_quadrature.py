@@ -1,4 +1,4 @@
-"""Table 3's hook by quadrature, from the printed sizes alone: what closed forms, beams and worlds are compared with.
+"""Table 3's hook by quadrature, from the printed sizes alone: reference for closed forms, beams and worlds.
 
 Nothing of `haptorb.magnetics` is used: lengths are over h₀ as printed, integrals by scipy. The ramp rises at β to H_b
 and a flat top joins it to the contact (erratum E8).

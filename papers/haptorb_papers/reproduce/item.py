@@ -1,4 +1,4 @@
-"""One published statement, what stands in its place here, and the class that follows from how that was obtained."""
+"""One published statement, the computed counterpart, and the class of evidence that follows from its method."""
 
 from __future__ import annotations
 

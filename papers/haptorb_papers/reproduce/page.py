@@ -1,4 +1,4 @@
-"""The page of `haptorb reproduce`: counts, contents, and parts that fold, with their figures; nothing is fetched."""
+"""Page of `haptorb reproduce`: counts, contents, and collapsible parts with figures; self-contained."""
 
 from __future__ import annotations
 

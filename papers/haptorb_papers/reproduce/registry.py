@@ -1,4 +1,4 @@
-"""What can be reproduced: a figure or a table of a paper is one line here and one file beside this one."""
+"""Registry of reproductions: a figure or table of a paper is one line here, and one file beside this one."""
 
 from __future__ import annotations
 

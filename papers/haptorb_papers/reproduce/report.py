@@ -1,4 +1,4 @@
-"""What came out of one part of a paper, and how many statements are of which class."""
+"""Results of one part of a paper, and the number of statements in each class."""
 
 from __future__ import annotations
 

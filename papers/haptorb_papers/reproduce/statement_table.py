@@ -1,4 +1,4 @@
-"""The statements of one part of a paper as a table in HTML: printed, computed, how near is near enough, class."""
+"""HTML table of the statements of one part of a paper: printed, computed, tolerance, class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, eqs. (12), (13) and appendix B: compliances in closed form, by quadrature, and by a beam that is right."""
+"""Bai 2012, eqs. (12), (13) and appendix B: compliances in closed form, by quadrature, and by a correct beam."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, eqs. (1) to (6): torque is linear in the currents, least power, and the two modes."""
+"""Bai 2012, eqs. (1) to (6): torque linear in the currents, minimum power, and the two modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, eqs. (7) to (9): where the poles are, what field they make, and the torque that follows (errata E1, E5)."""
+"""Bai 2012, eqs. (7) to (9): positions of the poles, their field, and the resulting torque (errata E1, E5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What field-based estimation does to rate and errors, with haptorb's own estimators (Bai 2012, §1 and §2.3)."""
+"""Effect of field-based estimation on rate and errors, with haptorb's own estimators (Bai 2012, §1 and §2.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, Fig. 4: K of electromagnet 17 along a trajectory, from the field by a network; and what else can do it.
+"""Bai 2012, Fig. 4: K of electromagnet 17 along a trajectory, from the field by a network and by alternatives.
 
 The paper prints curves without numbers; its text says 16 200 samples, one hidden layer of 10 nodes, training after
 Levenberg and Marquardt, and that the network "agrees excellently well". Which readings it takes stands in Fig. 3 only,

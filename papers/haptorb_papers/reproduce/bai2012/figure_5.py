@@ -1,4 +1,4 @@
-"""Bai 2012, Fig. 5 and section 3: the design loop, and the regulator that holds the rotor up."""
+"""Bai 2012, Fig. 5 and section 3: the design loop, and the weight-compensating regulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, Fig. 6 and eqs. (10), (11): a hook, how pulling softens it, and friction on its faces (E22, E25, E27)."""
+"""Bai 2012, Fig. 6 and eqs. (10), (11): a hook, its softening under tension, and face friction (E22, E25, E27)."""
 
 from __future__ import annotations
 

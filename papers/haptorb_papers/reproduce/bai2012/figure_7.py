@@ -1,4 +1,4 @@
-"""Bai 2012, Fig. 7 and eqs. (14) to (18): what a tilted plug feels between two hooks (errata E10, E20, E23, E24)."""
+"""Bai 2012, Fig. 7 and eqs. (14) to (18): forces on a tilted plug between two hooks (errata E10, E20, E23, E24)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, Table 1: the two bodies, the strengths that stand for them, and the units that were lost (erratum E1)."""
+"""Bai 2012, Table 1: the two bodies, the strengths that model them, and the missing units (erratum E1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bai 2012, Table 3: the outlet's sizes and materials, and which of them cannot be (errata E7, E8, E29)."""
+"""Bai 2012, Table 3: the outlet's sizes and materials, and the impossible ones among them (errata E7, E8, E29)."""
 
 from __future__ import annotations
 

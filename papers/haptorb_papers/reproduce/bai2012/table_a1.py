@@ -1,4 +1,4 @@
-"""Bai 2012, appendix A: where magnets, coils and sensors sit, and that parts must not overlap (errata E2, E3)."""
+"""Bai 2012, appendix A: positions of magnets, coils and sensors; parts must not overlap (errata E2, E3)."""
 
 from __future__ import annotations
 

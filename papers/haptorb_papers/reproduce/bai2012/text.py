@@ -1,4 +1,4 @@
-"""Bai 2012, title to section 2 and section 4: what the prose and the figures without numbers say."""
+"""Bai 2012, title to section 2 and section 4: statements of the prose and of figures without numbers."""
 
 from __future__ import annotations
 

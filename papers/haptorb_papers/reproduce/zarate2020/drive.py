@@ -1,4 +1,4 @@
-"""Zárate 2020, eqs. (3), (4), (6): the current that is asked for, in a winding that has become 60 K warmer.
+"""Zárate 2020, eqs. (3), (4), (6): the commanded current in a winding that is 60 K warmer.
 
 At first the drive uses the cold winding's resistance. With the running estimate of eq. (6) the current is right
 again within 0.2 s; without it, it stays 15 to 20 % too small for as long as the coil is warm.

@@ -1,4 +1,4 @@
-"""Zárate 2020, eqs. (1), (2) and §II.A: forces of two dipoles, and their fall with distance (E12, E16, E33)."""
+"""Zárate 2020, eqs. (1), (2) and §II.A: forces of two dipoles, and their decay with distance (E12, E16, E33)."""
 
 from __future__ import annotations
 

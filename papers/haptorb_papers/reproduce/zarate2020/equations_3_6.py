@@ -1,4 +1,4 @@
-"""Zárate 2020, eqs. (3) to (6): from a wanted moment to a duty; calibration, and resistance (erratum E26)."""
+"""Zárate 2020, eqs. (3) to (6): from a required moment to a duty; calibration, and resistance (erratum E26)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Zárate 2020, Fig. 2 (b, c, d): the map of a permanent magnet, the adjustable map, and a surface that can be felt.
+"""Zárate 2020, Fig. 2 (b, c, d): map of a permanent magnet, adjustable map, and a perceivable surface.
 
 Asked is what the world says; given is what the exact inverse's currents really do to the ring magnet in a radial tool,
 by the independent, finer computation. With the printed argument α·2θ1/π map (c) would vanish first at 450° and never be

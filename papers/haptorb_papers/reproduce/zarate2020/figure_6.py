@@ -1,4 +1,4 @@
-"""Zárate 2020, Fig. 6: one coil at 30 % duty for three minutes, then three of cooling, and what follows from it.
+"""Zárate 2020, Fig. 6: one coil at 30 % duty for three minutes, three minutes of cooling, and derived values.
 
 The winding's temperature T_in comes from its resistance, V0 u/i, while the current is on; the boundary's, T_out, from
 its sensor. No temperature compensation, as in the paper: the current falls as the wire warms. From that record, and the

@@ -1,4 +1,4 @@
-"""Zárate 2020, Fig. 7: the core's moment against the currents, from the Hall sensors through eq. (5).
+"""Zárate 2020, Fig. 7: the core's moment over the currents, from the Hall sensors by eq. (5).
 
 Each coil of the simulated device alone carries up to 12.9 A either way, the tool half a metre away; nine sensors are
 read with their noise. Every reading of the five on the axes becomes a moment by eq. (5), all nine together the 3×3 map

@@ -1,4 +1,4 @@
-"""Zárate 2020, sections III and V: power, current and force, which must agree with one another (errata E15, E34)."""
+"""Zárate 2020, sections III and V: consistency of power, current and force (errata E15, E34)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beyond Zárate 2020, which uses a tracker: the tool's place from the nine Hall sensors alone, coils driven.
+"""Beyond Zárate 2020, which uses a tracker: tool position from the nine Hall sensors alone, coils driven.
 
 Twice, and independently: the accuracy that the sensors' noise and the coils' currents allow over the shell (Cramér and
 Rao), and what the tracker reaches on the simulated device. For the places of the sensors that the device file assumes,

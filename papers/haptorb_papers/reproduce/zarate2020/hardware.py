@@ -1,4 +1,4 @@
-"""Zárate 2020, section II.B and Figs. 1, 4: the parts of the prototype, and the core's answer (errata E15, E18)."""
+"""Zárate 2020, section II.B and Figs. 1, 4: parts of the prototype, and the core's response (errata E15, E18)."""
 
 from __future__ import annotations
 

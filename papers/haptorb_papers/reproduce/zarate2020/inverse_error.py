@@ -1,4 +1,4 @@
-"""Zárate 2020 beside its own assumption: what both inverses deliver, over the shell and tool tilts (E16, E18, E35).
+"""Zárate 2020: actual force of both inverses over the shell and tool tilts, against its assumption (E16, E18, E35).
 
 Asked is a force of 300 mN, outwards or inwards, the worse of both; delivered is what loops, image charges and the
 magnet's own currents say, which shares neither formulas nor code with the models that both inverses use. The dipole

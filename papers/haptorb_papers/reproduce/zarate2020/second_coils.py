@@ -1,4 +1,4 @@
-"""Coils around a soft core a second time: no code, no formula and no numbers of the package's models are used.
+"""Second model of coils around a soft core: shares no code, formula or numbers with the package's models.
 
 The package sums zonal harmonics of the winding and of what the core answers. Here a winding is a set of loops by
 elliptic integrals (Smythe, Static and Dynamic Electricity, §7.10), and the core is charges on both sides of its surface

@@ -1,4 +1,4 @@
-"""Zárate 2020, section IV, Figs. 8 and 9: the study's design, and what only people could answer."""
+"""Zárate 2020, section IV, Figs. 8 and 9: design of the study, and results that need participants."""
 
 from __future__ import annotations
 
