@@ -65,7 +65,7 @@ def reproduce(
 def _choose(
     paper: str | None, figure: int | None, table: str | None, quick: bool
 ) -> tuple[tuple[Reproduction, ...], str]:
-    """What is to be made, and the name of the files."""
+    """Parts to be made, and the name of the files."""
     from haptorb_papers.reproduce import find_reproduction, reproductions
 
     chosen = reproductions(paper)

@@ -118,7 +118,7 @@ class EstimatorRow:
     figure_4: float  #: NRMSE of the coil's K on the trajectory of Fig. 4
     workspace: float  #: the same over the workspace
     worst: float  #: greatest error of a component of the coil's K over the workspace [N·m/A]
-    torque: float  #: root mean square error of the torque delivered when 60 mN·m are asked [N·m]
+    torque: float  #: rms error of the actual torque at a commanded 60 mN·m [N·m]
     jnd: float  #: 95th percentile of that error, in just noticeable differences
     orientation: float  #: root mean square error of the orientation, but for the branch of spin [°]; NaN: not estimated
     refused: float  #: share of the readings to which the estimator gave no valid answer

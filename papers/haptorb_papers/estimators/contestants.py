@@ -17,7 +17,7 @@ __all__ = ["EstimatorOutput", "collect_outputs", "make_estimators"]
 
 
 class EstimatorOutput(NamedTuple):
-    """What one estimator said to a row of readings."""
+    """Output of one estimator for a row of readings."""
 
     K: Array  #: (n, 3, channels) [N·m/A]
     R: Array  #: (n, 3, 3); NaN where it does not estimate orientation
@@ -35,7 +35,7 @@ def make_estimators(motor: SphericalMotor, networks: TrainedNetworks) -> dict[st
 
 
 def collect_outputs(estimator: Estimator, motor: SphericalMotor, readings: Array, interval: float) -> EstimatorOutput:
-    """What `estimator` says to `readings` (n, k, 3) [T] that are `interval` [s] apart."""
+    """Outputs of `estimator` for `readings` (n, k, 3) [T] that are `interval` [s] apart."""
     count = len(readings)
     K, R = np.zeros((count, 3, motor.channels)), np.full((count, 3, 3), np.nan)
     valid, seconds = np.zeros(count), np.zeros(count)

@@ -46,7 +46,7 @@ class SensorEffect:
 
     disturbance: str
     orientation: float  #: but for the branch of spin [rad]
-    torque: float  #: error of the torque delivered when 60 mN·m are asked [N·m]
+    torque: float  #: error of the actual torque at a commanded 60 mN·m [N·m]
     jnd: float  #: 95th percentile of that error, in just-noticeable differences
     refused: float  #: share of the readings without a valid answer
 

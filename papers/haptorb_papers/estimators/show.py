@@ -37,7 +37,7 @@ def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
     print_table(console, table)
     print_text(
         console,
-        "\nNRMSE: rms error over rms. Torque error: rms error of the torque given when 60 mN·m are asked; JND: its "
+        "\nNRMSE: rms error over rms. Torque error: rms error of the actual torque at a commanded 60 mN·m; JND: its "
         "95th percentile over 12.7 %, the just-noticeable difference.",
     )
     for name, times in comparison.latency.items():
@@ -75,9 +75,8 @@ def print_effects(effects: SensorEffects, console: Console) -> None:
     print_text(
         console,
         f"\nrms over {effects.orientations} orientations of each of {effects.devices} devices drawn from the device "
-        "file's distributions. Torque error: error of the torque given when 60 mN·m are asked; JND: its 95th "
-        "percentile "
-        "over 12.7 %, the just-noticeable difference.",
+        "file's distributions. Torque error: error of the actual torque at a commanded 60 mN·m; JND: its 95th "
+        "percentile over 12.7 %, the just-noticeable difference.",
     )
 
 

@@ -32,7 +32,7 @@ __all__ = ["CoilNetwork", "ComponentFit", "fit_components", "train_coil"]
 
 @dataclass(frozen=True)
 class ComponentFit:
-    """How well an estimate follows one component of K."""
+    """Tracking error of the estimate of one component of K."""
 
     component: str  #: "X", "Y" or "Z"
     r_squared: float  #: share of its variance that is met
@@ -75,7 +75,7 @@ class CoilNetwork:
 
     @property
     def inputs(self) -> int:
-        """How many readings it takes: three of every sensor."""
+        """Number of readings: three of every sensor."""
         return 3 * int(self.near.sensors.shape[1])
 
     def torque(self, field: Array, coil: int | None = None) -> Array:

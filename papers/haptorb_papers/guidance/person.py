@@ -34,7 +34,7 @@ _REACH = 5e-3  #: in which the person looks for the own place on the path [m]
 
 @dataclass(frozen=True)
 class Habits:
-    """How a person moves: what the simulation assumes."""
+    """Motion parameters of a person, as the simulation assumes."""
 
     pace: float = 0.03  #: [m/s]
     heading_error: float = np.radians(4.0)  #: standard deviation [rad]
@@ -75,7 +75,7 @@ class Person:
         self._goal = Goal(self._intended.copy(), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
 
     def goal(self, now: float) -> Goal:
-        """Where the person wants the tool at `now` [s]."""
+        """Goal of the person for the tool at `now` [s]."""
         return replace(self._goal, stamp=now)
 
     def feel(self, place: Array) -> None:

@@ -54,8 +54,8 @@ def print_guidance(found: GuidanceComparison, console: Console) -> None:
     print_table(console, rest)
     print_text(
         console,
-        "\nError: mean deviation across the path. Force: mean force asked. The valley (world guidance) is as "
-        "stiff as it must be to use the mean force of the plan (world path_guidance). If a valley of that force "
+        "\nError: mean deviation across the path. Force: mean commanded force. The stiffness of the valley (world "
+        "guidance) is chosen for the same mean force as the plan (world path_guidance). If a valley of that force "
         "oscillates, it is the valley with the smallest error, and the plan has a wider tolerance, so that it uses no "
         "more force than that valley. The plan assumes 70 % of the hand's mass and damping. Spring: to a point that "
         "moves along the path at constant speed.",

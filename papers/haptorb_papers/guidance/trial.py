@@ -57,7 +57,7 @@ _BEGIN = 1.0  #: the guard has ramped up, and the person is under way [s]
 
 @dataclass(frozen=True)
 class Trial:
-    """What a trial gave; one row per tick from the first second on."""
+    """Result of a trial; one row per tick from the first second on."""
 
     places: Array  #: (n, 3) true places of the tool [m]
     across: Array  #: (n,) true deviation across the path [m]
@@ -133,7 +133,7 @@ class MovingPoint(DynamicWorld):
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:
-        """How far it has gone."""
+        """Progress along the path."""
         return (MemoryField("gone", "m", "length gone by the clock"),)
 
     def advance(self, memory: Records, state: State, dt: float) -> Array:

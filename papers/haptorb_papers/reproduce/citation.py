@@ -18,7 +18,7 @@ Arguments = ParamSpec("Arguments")
 
 
 def _mark_implied(printed: Callable[Arguments, Item]) -> Callable[Arguments, Item]:
-    """As `printed`, of a number that the paper does not print, but that follows from what it does or says."""
+    """As `printed`, for a number that is not printed, but follows from the paper's method or statements."""
 
     @wraps(printed)
     def claim(*words: Arguments.args, **more: Arguments.kwargs) -> Item:

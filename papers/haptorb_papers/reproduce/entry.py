@@ -18,7 +18,7 @@ _STEP = re.compile(r"(\w+)((?:\[[^\[\]]+\])*)")
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a value is held, and the value.
+    """A stored value and its location.
 
     value     in the unit of the statement
     place     holder and path, as "omni: tool.outer_radius"
@@ -47,7 +47,7 @@ def read_entry(holder: Any, path: str, per: float = 1.0) -> Entry:
 
 
 def read_count(holder: Any, path: str) -> Entry:
-    """How many entries the list at `path` of `holder` has.
+    """Number of entries of the list at `path` of `holder`.
 
     >>> from haptorb.devices.loader import load
     >>> read_count(load("omni"), "coils.names").value

@@ -110,14 +110,14 @@ class Item:
 
     @property
     def is_corrected(self) -> bool:
-        """Whether a correction stands in the print's place that the print itself does not meet."""
+        """Whether a correction replaces the printed value, which does not satisfy it."""
         if self.corrected is None or self.published is None or self.tolerance is None:
             return False
         return not abs(self.published - self.corrected) <= self.tolerance
 
     @property
     def is_surprise(self) -> bool:
-        """Whether it differs without an explanation.
+        """Whether it deviates without an explanation.
 
         >>> Item("x", "bai2012", "Fig. 4", "R²", 1.0, 0.8, "1", 0.001, known="ten nodes do no better").is_surprise
         False
@@ -126,7 +126,7 @@ class Item:
 
     @property
     def checked(self) -> bool:
-        """Whether a number here was held against another one."""
+        """Whether a number was compared with another one."""
         return self.computed is not None and self.tolerance is not None
 
     @property
@@ -148,7 +148,7 @@ class Item:
         return f"from {self.held_at}" if self.held_at else MEANINGS[self.verdict]
 
     def numbers(self) -> dict[str, Any]:
-        """As plain JSON types."""
+        """Convert to plain JSON types."""
         return {**self.__dict__, "why": self.reason, "verdict": self.verdict}
 
 

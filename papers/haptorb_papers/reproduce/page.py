@@ -174,7 +174,7 @@ def _counts(items: list[Item]) -> str:
 
 
 def _differing(items: list[Item]) -> str:
-    """What a reader must not have to unfold: the statements that differ, with links to their rows."""
+    """Section that is always unfolded: the statements that deviate, with links to their rows."""
     rows = "".join(
         f"<li><a href='#{item_anchor(item)}'>{escape(item.where)}</a>: {escape(item.what)}</li>"
         for item in items

@@ -42,7 +42,7 @@ class Reproduction:
 
     @property
     def module(self) -> str:
-        """Where it is computed: has `items(report) -> (items, drawing or None)`."""
+        """Module that computes it: has `items(report) -> (items, drawing or None)`."""
         name = self.name.lower().replace(" to ", " ").replace(" and ", " ").replace(".", "").replace(" ", "_")
         return f"haptorb_papers.reproduce.{self.paper}.{name}"
 

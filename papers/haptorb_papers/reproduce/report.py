@@ -32,6 +32,6 @@ class ReproductionResult(Presentable):
 
 
 def summary(items: Iterable[Item]) -> dict[str, int]:
-    """How many items are of which class."""
+    """Number of items in each class."""
     counts = Counter(item.verdict for item in items)
     return {verdict: counts[verdict] for verdict in CLASSES}

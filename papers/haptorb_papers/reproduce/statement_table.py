@@ -43,7 +43,7 @@ def format_number(value: float | None, digits: int = 5) -> str:
 
 
 def describe_tolerance(item: Item) -> str:
-    """How far a computed number may be off and still agree; empty where nothing is compared.
+    """Tolerance within which a computed number agrees; empty where nothing is compared.
 
     >>> from dataclasses import replace
     >>> item = Item("x", "bai2012", "Fig. 8", "a force", 7.8, 7.82, "N", 0.05)

@@ -109,7 +109,7 @@ def _count_energy(q: Record, e: Record, wrench: Array, stamp: float, passed: flo
 
 
 @kernel
-def _forget_motion(q: Record, stamp: float) -> None:
+def _reset_motion(q: Record, stamp: float) -> None:
     """Restart the summation intervals at `stamp` [s]."""
     q.moved[:] = 0.0
     q.smooth[:] = 0.0
@@ -224,7 +224,7 @@ def damp_wrench(q: Record, e: Record, wrench: Array, now: float, gain: float, ou
     if passed > _MAX_POSE_GAP_S or passed < 0.0:
         q.motion[:] = 0.0
         q.damping = 0.0
-        _forget_motion(q, stamp)
+        _reset_motion(q, stamp)
     elif passed > _SAME_TIME_S:
         _count_energy(q, e, wrench, stamp, passed, now - stamp, gain * left)
         needed = now - stamp + 2.0 * passed + q.lag  # from this pose to the next one and back

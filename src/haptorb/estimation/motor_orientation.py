@@ -572,10 +572,10 @@ class LeastSquaresOrientation(Estimator):
         self._slopes, self._rest = state_zeros((motor.sensors, 3, 3)), np.zeros(3)
         self._kept, self._kept_near = KeptEstimate(motor.channels), state_zeros((3, 3))
         self._numbers = make_numbers("found", "t")
-        self._forget(self._near)
+        self._reset(self._near)
         self._rehearse()
 
-    def _forget(self, near: Array) -> None:
+    def _reset(self, near: Array) -> None:
         """Reset the tracking state; the spin is assumed near that of `near` (3, 3)."""
         self._found, self._t, self._near = False, -np.inf, near
         self._w[:] = self._fit["strength"] = 0.0
@@ -590,7 +590,7 @@ class LeastSquaresOrientation(Estimator):
         for t in (0.0, 1e-3):
             pose = Pose(t, np.eye(3), rest, rest, rest, False)
             self.update(Sample(t, np.zeros(self._motor.channels), np.zeros(self._motor.channels), upright, pose))
-        self._forget(near)
+        self._reset(near)
 
     def state_arrays(self) -> Mapping[str, StateArray]:
         """Filter, the magnets' field [T], sensors in use, and the last estimate."""

@@ -349,10 +349,10 @@ class _Commander:
 # Server: writes the newest row into the file, and reads the newest command from it.
 
 
-_LOOK = 2e-4  #: polling interval [s]
-_REPORT = 0.5  #: interval between two reports of the commanding program [s]
+_POLL_INTERVAL_S = 2e-4  #: polling interval [s]
+_REPORT_INTERVAL_S = 0.5  #: interval between two reports of the commanding program [s]
 _MAX_NAME = 40  #: characters of a program's name, without its number
-_TRIES = 5
+_MAX_READS = 5
 _OPENED = (_COMMAND_AT + COMMAND["opened"][0]) // 8  # word: time of the first opening; 0: none
 _LEAST_COSINE = 1e-3  #: sine of half the gripper's angle below which the opening does not determine the angular rate
 
@@ -554,7 +554,7 @@ class NativeServer:
         sequence = words[start + 1]
         if sequence == self._sequence or sequence & 1:
             return
-        for _ in range(_TRIES):
+        for _ in range(_MAX_READS):
             owner, stamp, enabled = words[start + 2], words[start + 3], words[start + 4]
             wrench = self._floats[start + 5 : start + 12].tolist()
             after = words[start + 1]
@@ -722,9 +722,9 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
             while not served.over:
                 server.poll()
                 if monotonic() >= report or server.changed:
-                    report = monotonic() + _REPORT
+                    report = monotonic() + _REPORT_INTERVAL_S
                     server.report(str(path))
-                sleep(_LOOK)
+                sleep(_POLL_INTERVAL_S)
         finally:
             server.close()
     finally:

@@ -58,7 +58,7 @@ def _statics(slope: float, uphill: float) -> float:
 
 
 def _work(friction: float) -> float:
-    """Of a slow pull from the foot of the rear face to its top, over the energy that the hook then stores."""
+    """Work of a slow pull from the foot of the rear face to its top, over the energy then stored in the hook."""
     hook = TABLE_3
     x = np.linspace(hook.base_length, hook.ramp_end - 1e-12, 400)
     held = balance_face(hook, x, hook.section(x) - hook.thickness, hook.rear, friction)
@@ -69,5 +69,5 @@ def _work(friction: float) -> float:
 
 
 def _turn() -> float:
-    """Of the rear face at the end of its ramp, where the pull is greatest [rad]."""
+    """Rotation of the rear face at the end of its ramp, where the pull is at its maximum [rad]."""
     return float(balance_face(TABLE_3, TABLE_3.ramp_end - 1e-12, TABLE_3.height, TABLE_3.rear, _FRICTION).turn)

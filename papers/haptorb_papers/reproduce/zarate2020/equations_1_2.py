@@ -104,7 +104,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
 
 
 def _place(angle: float, lean: float, d: float) -> tuple[Array, Array]:
-    """Where a tool is, `angle` [rad] from the axis, and where its moment points, `lean` [rad] further from it."""
+    """Position of a tool `angle` [rad] from the axis, and direction of its moment, `lean` [rad] further from it."""
     return d * np.array([sin(angle), 0.0, cos(angle)]), np.array([sin(angle + lean), 0.0, cos(angle + lean)])
 
 

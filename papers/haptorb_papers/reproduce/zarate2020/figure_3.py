@@ -27,7 +27,7 @@ _EXACT = "floating point"
 
 
 def items(report: Report) -> tuple[tuple[Item, ...], Drawing]:
-    """What the map gives along a meridian and outwards, and what the inverse makes of it."""
+    """Force of the map along a meridian and outwards, and the result of the inverse."""
     device = electromagnet(load("omni"))
     dome = Dome(half_width_deg=18, cut_off_deg=54, moment=2.4).for_device(device)
     F0 = 3 * MU0 * 2.4 * dome.tool_moment / (4 * pi * dome.contact_distance**4)

@@ -105,7 +105,7 @@ def _core_images(device: SphericalElectromagnet, state: State) -> tuple[Array, A
 
 
 def _line(mu: float) -> tuple[Array, Array]:
-    """Where the charge of an image's line is, from 0 at the centre to 1, and in what shares, which add up to 1."""
+    """Positions of an image's line charge, from 0 at the centre to 1, and its shares, which sum to 1."""
     if np.isinf(mu):
         return np.zeros(1), np.ones(1)
     from scipy.special import roots_jacobi
@@ -164,7 +164,7 @@ def error_map(device: SphericalElectromagnet, model: str, places: list[GridPlace
 
 
 def items(report: Callable[[float], None]) -> tuple[tuple[Item, ...], Callable[[Path], Path]]:
-    """What both inverses err by, and what draws the maps."""
+    """Errors of both inverses, and the function that draws the maps."""
     from haptorb.devices.loader import load
 
     device = electromagnet(load("omni"))
