@@ -227,7 +227,7 @@ class Trial:
         self.host = Host(self.shared)
         self.aio = WoundLoop()
         asyncio.set_event_loop(self.aio)
-        console_hub.FRESH = SOON
+        console_hub.ENGAGE_DELAY_S = SOON
         self.console = console_hub.ConsoleSocketHub(self.host, None)
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')

@@ -166,7 +166,7 @@ class MomentFit:
 
 
 SIZES = ("inner_radius", "outer_radius", "length")
-_SIZE_STEP = 2e-5  #: step of a derivative by a size [m]
+_SIZE_STEP_M = 2e-5  #: step of a derivative by a size [m]
 
 
 @dataclass
@@ -207,7 +207,7 @@ class BuiltCoils:
         slopes = []
         for name in SIZES:
             either = []
-            for step in (_SIZE_STEP, -_SIZE_STEP):
+            for step in (_SIZE_STEP_M, -_SIZE_STEP_M):
                 sizes = replace(windings, **{name: getattr(windings, name) + step})
                 moments = device.moment_per_current
                 if device.moments_from == "windings":
@@ -219,7 +219,7 @@ class BuiltCoils:
                 degrees = 2 * np.arange(many) + 2
                 padded[:, :many] = made.terms[:, :many] * (made.reach / wound.reach) ** degrees
                 either.append(padded)
-            slopes.append((either[0] - either[1]) / (2 * _SIZE_STEP))
+            slopes.append((either[0] - either[1]) / (2 * _SIZE_STEP_M))
         self._by_size = np.stack(slopes)  # (3 sizes, m, k)
         # relative change of the field at its point of measurement, per displacement of winding and core along the axis
         # [1/m]

@@ -366,9 +366,9 @@ UNJUDGED = (
 )
 
 _CLIMBS, _MAX_CANDIDATES = 4, 4  #: poses that start a local search; candidates of each kind
-_TURNING_STEP = 2e-4  #: of the differences [rad]
+_TURNING_STEP_RAD = 2e-4  #: of the differences [rad]
 _RATE = 1e-2  #: of the differences by angular velocity [rad/s]
-_NOTHING = 1e-5  #: discontinuity below which it is not perceptible [N·m]
+_MIN_TORQUE_STEP_NM = 1e-5  #: discontinuity below which it is not perceptible [N·m]
 _TURNING_STILL = np.zeros(3)
 
 
@@ -430,7 +430,7 @@ def steepest_turn(device: Device, world: World) -> Steepest:
     sizes = [linearize_at(p, R, t, True) for (p, R), t in zip(poses, times, strict=True)]
     for n in np.argsort(sizes)[::-1][:_CLIMBS].tolist():
         (p, R), best, reach = poses[n], sizes[n], 0.3
-        while reach > _TURNING_STEP:
+        while reach > _TURNING_STEP_RAD:
             tried = [turn(reach * rng.normal(size=3), R) for _ in range(6)]
             grown = [linearize_at(p, turned, times[n], False) for turned in tried]
             m = int(np.argmax(grown))
@@ -454,13 +454,13 @@ def _turn_gradient(torque: Callable[[Array, Array], Array]) -> tuple[Array, floa
     """(3, 3) ∂T/∂angle [N·m/rad] without discontinuous axes, and the largest discontinuity [N·m]."""
     G, jump = np.zeros((3, 3)), 0.0
     for j in range(3):
-        step = _TURNING_STEP * np.eye(3)[j]
+        step = _TURNING_STEP_RAD * np.eye(3)[j]
         wide = torque(step, _TURNING_STILL) - torque(-step, _TURNING_STILL)
         near = torque(step / 4, _TURNING_STILL) - torque(-step / 4, _TURNING_STILL)
-        if np.linalg.norm(near) > 0.6 * np.linalg.norm(wide) > _NOTHING:
+        if np.linalg.norm(near) > 0.6 * np.linalg.norm(wide) > _MIN_TORQUE_STEP_NM:
             jump = max(jump, float(np.linalg.norm(wide)))
         else:
-            G[:, j] = near / (_TURNING_STEP / 2)
+            G[:, j] = near / (_TURNING_STEP_RAD / 2)
     return G, jump
 
 

@@ -482,7 +482,7 @@ _SPRING_HEIGHT_M = 0.010  #: height of the spring's centre above contact: clear 
 _RAMP_END_S = 0.45  #: time at which the guard's ramp is complete [s]
 _PUSH_FORCE_N = 0.02  #: force with which the hand leans on its own spring [N]
 _WINDOW_CYCLES = 5  #: cycles in each of two windows whose amplitudes are compared
-_STEP = 1e-4  #: simulation step [s]
+_SIMULATION_STEP_S = 1e-4  #: simulation step [s]
 
 
 @dataclass(frozen=True)
@@ -533,7 +533,7 @@ def is_growing(
         return Goal(middle + lean if pushed else middle, upright, now, False)
 
     dt = 1 / rate
-    inner = SimDriver(SimulatedElectromagnet(held, step=_STEP), dt, goal)
+    inner = SimDriver(SimulatedElectromagnet(held, step=_SIMULATION_STEP_S), dt, goal)
     driver = inner if hall else ImperfectTracker(inner, PoseDelay(tracker_rate, latency))
     estimator = make_estimator(held, "hall" if hall else "tracker", None)
     tick = Tick(held, _Spring(stiffness), driver, estimator, make_allocator(held), dt)

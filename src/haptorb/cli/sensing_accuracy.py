@@ -34,7 +34,7 @@ __all__ = ["SensingAccuracy", "SensingRow", "compute_row", "sensing_accuracy", "
 # `haptorb inspect DEVICE --sensing`: errors of the tool pose, and the resulting errors of the force.
 
 
-ASKED = 0.3  #: commanded force [N]
+FORCE_N = 0.3  #: commanded force [N]
 _EDDY_FREQUENCY_HZ = 50.0  #: frequency at which the core's lag is evaluated [Hz]
 _STEEL_BALL_M = (
     0.03,
@@ -81,7 +81,7 @@ class SensingAccuracy:
         """Return plain JSON types, units in the keys."""
         return {
             "device": self.device,
-            "asked_n": ASKED,
+            "asked_n": FORCE_N,
             "rows": [
                 {
                     "case": row.name,
@@ -113,7 +113,7 @@ class SensingAccuracy:
         print_table(console, table)
         print_text(
             console,
-            f"Noise is in every row, filtered to 100 Hz at 1 kHz. force: of {1e3 * ASKED:.0f} mN asked in any "
+            f"Noise is in every row, filtered to 100 Hz at 1 kHz. force: of {1e3 * FORCE_N:.0f} mN asked in any "
             f"direction. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force. least: Cramér-Rao bound. "
             "Errors as in the device file; a row that names one error has only that error.",
             "dim",
@@ -209,7 +209,7 @@ def compute_row(case: SensingCase, current: float) -> SensingRow:
             [np.trace(reached[:3, :3]), np.trace(reached[3:, 3:]), np.trace(bound[:3, :3]), force]
         )
     place, axis, least, force_rms = np.sqrt(squares).tolist()
-    return SensingRow(case.name, current, place, axis, least, force_rms, force_rms / (FORCE_JND * ASKED))
+    return SensingRow(case.name, current, place, axis, least, force_rms, force_rms / (FORCE_JND * FORCE_N))
 
 
 def _force_error(device: SphericalElectromagnet, p: Array, covariance: Array, draw: np.random.Generator) -> float:
@@ -223,7 +223,7 @@ def _force_error(device: SphericalElectromagnet, p: Array, covariance: Array, dr
         axis = R[:, 2] + wrong[3] * np.cross(R[:, 0], R[:, 2]) + wrong[4] * np.cross(R[:, 1], R[:, 2])
         believed = device.wrench_map(_state(p + wrong[:3], rotation_to_axis(axis)), device.models[0])
         asked = draw.standard_normal(3)
-        asked *= ASKED / np.linalg.norm(asked)
+        asked *= FORCE_N / np.linalg.norm(asked)
         currents = np.linalg.lstsq(believed.matrix[:3], asked - believed.passive[:3], rcond=None)[0]
         given = true.matrix[:3] @ currents + true.passive[:3]
         total += float(((given - asked) ** 2).sum())

@@ -110,7 +110,7 @@ def advance_clock(c: Record, now: float) -> float:
 
 
 _RAMP_DOWN_S = 0.05  #: to zero after a pose became stale [s]; the other reasons switch off at once
-_ABSENCE = 0.5  #: time without a tick after which only a person can engage again: the process was stopped [s]
+_MAX_ABSENCE_S = 0.5  #: time without a tick after which only a person can engage again: the process was stopped [s]
 _DERATING_HYSTERESIS_K = 1.0  #: hysteresis: below the derating temperature before full current may flow again [K]
 
 _OFF, _RAMPING, _RUNNING = int(GuardState.OFF), int(GuardState.RAMPING), int(GuardState.RUNNING)
@@ -147,7 +147,7 @@ def begin_tick(clock: Record, g: Record, now: float) -> None:
     if g.state == _OFF or g.state == _TRIPPED:
         clock.missed[:] = 0.0
         return
-    absent = clock.elapsed > _ABSENCE  # safety: absence-trips
+    absent = clock.elapsed > _MAX_ABSENCE_S  # safety: absence-trips
     if absent or clock.overrun:  # safety: missed-deadlines-trip
         trip(g, _OVERRUN)
     elif clock.restart:  # safety: ramp-after-silence

@@ -26,7 +26,7 @@ ARM = DeviceKind(
     file="haptorb.devices.arm_file:ArmFile",
 )
 
-_BEYOND = 0.02  #: how far outside the workspace a hand may pull: it leans on the stops [m]
+_MAX_OUTSIDE_M = 0.02  #: how far outside the workspace a hand may pull: it leans on the stops [m]
 
 
 @final
@@ -180,7 +180,7 @@ class Arm(Device):
     def check_hand_goals(self, places: Array, what: str) -> None:
         """Raise InputError for goals of a hand more than 20 mm outside the workspace."""
         check_distance(places, what)
-        inside = self.workspace.contains(places, _BEYOND)
+        inside = self.workspace.contains(places, _MAX_OUTSIDE_M)
         if not inside.all():
             number = int(np.argmin(inside))
             at = ", ".join(f"{1e3 * x:.4g}" for x in places[number].tolist())

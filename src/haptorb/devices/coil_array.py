@@ -433,7 +433,7 @@ class ArrayMover:
 
 _ORDERS = (4, 30)  #: fewest and most degrees of the core's harmonics
 _LEFT_OUT = 1e-5  #: relative, of the core's series where charges are nearest
-_ABOVE = 10e-3  #: a mover rests this far above contact [m]
+_REST_HEIGHT_M = 10e-3  #: a mover rests this far above contact [m]
 
 
 @dataclass(frozen=True)
@@ -531,7 +531,7 @@ class CoilArray(Device):
     @property
     def rest_position(self) -> Array:
         """(3,) 10 mm above contact in the middle [m]."""
-        return np.array([0.0, 0.0, self.contact_height + _ABOVE])
+        return np.array([0.0, 0.0, self.contact_height + _REST_HEIGHT_M])
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -713,7 +713,9 @@ def find_spacing(coils: PlacedCoils) -> float:
 # above it.
 
 
-_HAIR = 1e-6  #: by which points lie inside the faces of their own winding: parts that touch do not overlap [m]
+_FACE_TOLERANCE_M = (
+    1e-6  #: by which points lie inside the faces of their own winding: parts that touch do not overlap [m]
+)
 _AROUND, _ACROSS, _UP = 48, 5, 7  #: points in and on a winding
 
 
@@ -853,8 +855,11 @@ def find_overlap(coils: PlacedCoils) -> tuple[float, int, int]:
 def _fill_points(coils: PlacedCoils, number: int) -> Array:
     """(n, 3) points in and on winding `number`, a hair inside its faces, stator frame [m]."""
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    inner, outer = float(coils.inner_radius[number]) + _HAIR, float(coils.outer_radius[number]) - _HAIR
-    half = 0.5 * float(coils.length[number]) - _HAIR
+    inner, outer = (
+        float(coils.inner_radius[number]) + _FACE_TOLERANCE_M,
+        float(coils.outer_radius[number]) - _FACE_TOLERANCE_M,
+    )
+    half = 0.5 * float(coils.length[number]) - _FACE_TOLERANCE_M
     rho, z, phi = np.meshgrid(np.linspace(inner, outer, _ACROSS), np.linspace(-half, half, _UP), angle)
     own = np.stack([rho * np.cos(phi), rho * np.sin(phi), z], axis=-1).reshape(-1, 3)
     placed: Array = own @ rotation_to_axis(coils.axis[number]).T + coils.position[number]

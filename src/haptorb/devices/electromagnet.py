@@ -717,7 +717,7 @@ def _coils(device: SphericalElectromagnet) -> tuple[RoundPart, ...]:
 # Places of an electromagnet's file that cannot be, although every value by itself is well-formed.
 
 
-_ENGRAVED = 2e-3  #: how deep a dot in the dome may be [m]
+_MAX_MARK_DEPTH_M = 2e-3  #: how deep a dot in the dome may be [m]
 
 
 def list_geometry_mistakes(
@@ -726,11 +726,11 @@ def list_geometry_mistakes(
     """Sentences; none is a pass. Radii [m], sensors (n, 3) and marks (k, 3) in the stator frame [m]."""
     found = []
     for name, distance in zip(mark_names, np.linalg.norm(marks, axis=1), strict=True):
-        if distance < dome_radius - _ENGRAVED:
+        if distance < dome_radius - _MAX_MARK_DEPTH_M:
             found.append(
                 f"marks.positions: mark '{name}' is {distance * 1e3:.3g} mm from the centre, inside the dome "
                 f"({dome_radius * 1e3:g} mm), where no tip can touch it; give the bottom of its dot, at most "
-                f"{_ENGRAVED * 1e3:g} mm below the dome's surface, in the stator frame"
+                f"{_MAX_MARK_DEPTH_M * 1e3:g} mm below the dome's surface, in the stator frame"
             )
     for number, distance in enumerate(np.linalg.norm(sensors, axis=1), 1):
         if distance < core_radius:

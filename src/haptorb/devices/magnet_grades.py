@@ -48,7 +48,7 @@ class MagnetSeries:
 
     def knee(self, temperature: float) -> float:
         """Field strength [A/m] at which the curve J(H) bends, at `temperature` [K]."""
-        return max(_SQUARENESS * self.coercivity * (1 + self.drift * (temperature - _REFERENCE)), 0.0)
+        return max(_SQUARENESS * self.coercivity * (1 + self.drift * (temperature - _REFERENCE_K)), 0.0)
 
 
 #: Coercivities and temperature coefficients of suppliers' tables of sintered NdFeB: Arnold Magnetic Technologies,
@@ -65,7 +65,7 @@ SERIES = (
     MagnetSeries("AH", 2786e3, -4.5e-3, 1.25),
 )
 _SQUARENESS = 0.9  #: H_k / H_cJ: where J is 10 % lower; sintered NdFeB has at least this
-_REFERENCE = 293.15  #: [K]
+_REFERENCE_K = 293.15  #: [K]
 _REMANENCE_DRIFT = -1.2e-3  #: of all of them, relative [1/K]
 _TURN, _PIECES = 80, 48  #: points around half a face, and pieces of a loop
 _RADII, _HEIGHTS = (0.03, 0.25, 0.5, 0.75, 0.9), (-0.9, -0.5, 0.0, 0.5, 0.9)  #: of a wall and of half a length
@@ -183,7 +183,7 @@ def check_magnet(
     remanence = float(magnet.polarization)
     series = choose_series(remanence, use.letters)
     warm = stop if use.greatest_temperature is None else use.greatest_temperature
-    share = 1 + _REMANENCE_DRIFT * (warm - _REFERENCE)
+    share = 1 + _REMANENCE_DRIFT * (warm - _REFERENCE_K)
     parts = (share * own_field(magnet), share * max(neighbours, 0.0) / MU0, coils / MU0)
     value = sum(parts)
     enough = [one.letters for one in SERIES if one.knee(warm) >= value and one.greatest_remanence >= remanence]

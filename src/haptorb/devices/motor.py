@@ -539,10 +539,10 @@ def _list_not_facing(layout: Layout, groups: Sequence[Sequence[int]]) -> list[st
 # What the file does not state is taken as thin as it can be: a handle and a column of 5 mm radius, and chips of 1 mm.
 
 
-_AIR = 0.5e-3  #: between parts that move past each other [m]
-_COLUMN = 5e-3  #: radius of a column that carries the stator and its leads [m]
-_HANDLE = 5e-3  #: radius of the handle, from the bearing at the centre on [m]
-_CHIP = 1e-3  #: from a field sensor's centre to the face of its chip, with air [m]
+_MIN_GAP_M = 0.5e-3  #: between parts that move past each other [m]
+_COLUMN_RADIUS_M = 5e-3  #: radius of a column that carries the stator and its leads [m]
+_HANDLE_RADIUS_M = 5e-3  #: radius of the handle, from the bearing at the centre on [m]
+_CHIP_HEIGHT_M = 1e-3  #: from a field sensor's centre to the face of its chip, with air [m]
 
 
 @dataclass(frozen=True)
@@ -592,14 +592,14 @@ def check_places(motor: SphericalMotor) -> list[BuildCheck]:
         _check_gap(coil_body, magnet_body),
         _check_sensors(motor, sensors, magnets),
     ]
-    handle = RoundBody(0.0, motor.rotor.handle_length, 0.0, _HANDLE)
+    handle = RoundBody(0.0, motor.rotor.handle_length, 0.0, _HANDLE_RADIUS_M)
     met = [(find_clearance(handle, one.body, one.tilted), one.name) for one in (*coils, *sensors)]
     ring = base = None
     if motor.regulator is not None:
         ring, base = _regulator_bodies(motor.regulator, magnet_body)
         met.append((find_clearance(handle, base, upright), "the regulator's ring on the base"))
     found.append(
-        _nearest("handle free to move", "its distance from what stands", met, _AIR,
+        _nearest("handle free to move", "its distance from what stands", met, _MIN_GAP_M,
                  "reduce workspace.tilt, or move the upper rings of parts down")
     )  # fmt: skip
     downward = TiltedAxis(np.pi - upright.high, np.pi)
@@ -614,13 +614,13 @@ def check_places(motor: SphericalMotor) -> list[BuildCheck]:
         met.append((find_clearance(ring, base, upright), "the ring on the base, or what carries it"))
         found.append(
             _nearest("regulator's ring on the rotor free to move",
-                     "its distance from coils, sensors and the other ring", met, _AIR,
+                     "its distance from coils, sensors and the other ring", met, _MIN_GAP_M,
                      "move regulator.rotor away from them, or reduce workspace.tilt")
         )  # fmt: skip
         met = [(find_clearance(base, one.body, one.tilted), one.name) for one in magnets]
         found.append(
             _nearest("magnets free to move", "their distance from the regulator's ring on the base, or what carries it",
-                     met, _AIR, "increase regulator.stator.inner_radius, or reduce workspace.tilt")
+                     met, _MIN_GAP_M, "increase regulator.stator.inner_radius, or reduce workspace.tilt")
         )  # fmt: skip
         met = [(find_clearance(ring, one.body, one.level), f"the rotor's ring and {one.name}") for one in magnets]
         met += [
@@ -632,7 +632,7 @@ def check_places(motor: SphericalMotor) -> list[BuildCheck]:
         )  # fmt: skip
     if motor.magnets.distance > motor.electromagnets.distance:  # a stator within the rotor stands on a column
         found.append(
-            _nearest("room for the column that carries the stator", "its greatest radius", room, _COLUMN,
+            _nearest("room for the column that carries the stator", "its greatest radius", room, _COLUMN_RADIUS_M,
                      "increase regulator.rotor.inner_radius, reduce workspace.tilt, or move the lower rings up")
         )  # fmt: skip
     return found
@@ -678,7 +678,7 @@ def _check_gap(coil: RoundBody, magnet: RoundBody) -> BuildCheck:
     inner, outer = (coil, magnet) if magnet.low + magnet.high > coil.low + coil.high else (magnet, coil)
     reach = float(np.hypot(inner.high, inner.outer_radius))
     return BuildCheck(
-        "gap between rotor and stator", "magnets.distance, electromagnets.distance", outer.low - reach, _AIR, "m",
+        "gap between rotor and stator", "magnets.distance, electromagnets.distance", outer.low - reach, _MIN_GAP_M, "m",
         "move magnets and coils apart, or make them thinner", at_least=True,
         note=f"the inner parts reach {reach * 1e3:.2f} mm from the centre, the outer ones begin at "
         f"{outer.low * 1e3:.2f} mm",
@@ -698,8 +698,8 @@ def _check_sensors(motor: SphericalMotor, sensors: Sequence[_Ring], magnets: Seq
             axis = sensor.tilted.of_part(magnet.angle)
             met.append((find_clearance(sensor.body, magnet.body, axis), f"{sensor.name} and {magnet.name}"))
     return _nearest(
-        "sensors clear of coils and magnets", "sensors.distance, from a chip's centre to the nearest part", met, _CHIP,
-        "move the sensors, by sensors.distance or their rings",
+        "sensors clear of coils and magnets", "sensors.distance, from a chip's centre to the nearest part", met,
+        _CHIP_HEIGHT_M, "move the sensors, by sensors.distance or their rings",
     )  # fmt: skip
 
 

@@ -643,7 +643,7 @@ def _list_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
 _WRONG_UNIT = 100.0
 _NO_LIMIT = 10.0
 _UNREACHABLE = 10.0  #: the supply's voltage over a resistance is no estimate
-_COILS_OFF = 0.1  #: after which a board's watchdog has switched off at the latest when the computer stops [s]
+_COILS_OFF_TIME_S = 0.1  #: after which a board's watchdog has switched off at the latest when the computer stops [s]
 
 
 def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: float, torque: float) -> list[str]:
@@ -674,11 +674,11 @@ def list_limit_mistakes(coils: Coils, supply: Supply, limits: Limits, force: flo
             continue
         power = min(current, most) ** 2 * ohms
         time = heat.winding_capacity * (heat.stop - heat.ambient) / power
-        if time < _COILS_OFF:
+        if time < _COILS_OFF_TIME_S:
             text = (
                 f"lets {min(current, most):.3g} A ({power:.3g} W) heat the winding with its {heat.winding_capacity:g} "
                 f"J/K past the stop temperature in {1e3 * time:.2g} ms, before the coils of a stopped computer are "
-                f"off ({1e3 * _COILS_OFF:.0f} ms): reduce it, or correct coils.heat.winding_capacity"
+                f"off ({1e3 * _COILS_OFF_TIME_S:.0f} ms): reduce it, or correct coils.heat.winding_capacity"
             )
             alike.setdefault(text, []).append(name)
     return [*found, *(f"coils.current_limit of coil {', '.join(names)} {text}" for text, names in alike.items())]

@@ -15,7 +15,7 @@ from haptorb.devices.schema import Name, Point, Section
 
 __all__ = ["Marks", "MarksSection"]
 
-_SPREAD = 1e-3  #: marks nearer to a common line than this cannot hold a frame [m]
+_MIN_SPREAD_M = 1e-3  #: marks nearer to a common line than this cannot hold a frame [m]
 
 
 @final
@@ -51,7 +51,7 @@ class MarksSection(Section):
             raise ValueError("has a duplicate name")
         places = np.array(self.positions)
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] < _SPREAD:
+        if spread[1] < _MIN_SPREAD_M:
             raise ValueError("must not lie on one line: a frame could turn about it")
         return self
 

@@ -118,7 +118,7 @@ def torque_per_ampere(model: FieldModel, R: Array, strength: float, matrix: Arra
 
 
 _OUTLIER_THRESHOLD_MEDIANS = 6.0  #: outlier threshold, in multiples of the median residual
-_MAX_TURN = 0.06  #: maximum rotation of one step [rad]: the field changes over a few millimetres of 62
+_MAX_STEP_RAD = 0.06  #: maximum rotation of one step [rad]: the field changes over a few millimetres of 62
 #: rotation [rad] after which the derivatives are a few percent off, and so is the remaining error of a step
 _MAX_DERIVATIVE_ROTATION_RAD = 2e-3
 _MIN_STRENGTH, _MAX_STRENGTH = 0.5, 2.0  #: bounds of the magnet strength for the same rotor
@@ -306,7 +306,7 @@ def fit_orientation(
             return False, rms, out_count
         rms = math.sqrt(total / (3.0 * inliers))
         length = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-        shorter = min(1.0, _MAX_TURN / length) if length > 0.0 else 1.0
+        shorter = min(1.0, _MAX_STEP_RAD / length) if length > 0.0 else 1.0
         turn_by(shorter * step[0], shorter * step[1], shorter * step[2], R, turned)
         for i in range(3):
             for j in range(3):
@@ -514,7 +514,7 @@ def _fill_cosines(fields: Array, field: Array, usable: Array, largest: float, ou
         out[n] = both / np.sqrt(max(own, 1e-30))
 
 
-_TOLERANCE = 1e-4  #: convergence [rad]: the error after such a step is a hundredth of that squared, times ten
+_TOLERANCE_RAD = 1e-4  #: convergence [rad]: the error after such a step is a hundredth of that squared, times ten
 _MAX_STEPS = 6  #: per tick, from the last orientation
 _MAX_RESIDUAL_SHARE = 0.1  #: residual over field above which the orientation is wrong
 _MAX_SAMPLE_GAP_S = 0.05  #: gap without a sample [s] after which the angular velocity is stale
@@ -701,7 +701,7 @@ def _track_orientation(
         for j in range(3):
             R[i, j] = predicted[i, j]
     found, rms, outliers = fit_orientation(
-        fit, model, field, usable, count, trusted, slopes, _TOLERANCE, _MAX_STEPS
+        fit, model, field, usable, count, trusted, slopes, _TOLERANCE_RAD, _MAX_STEPS
     )  # fmt: skip
     # safety: field-explained
     if (

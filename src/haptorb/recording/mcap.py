@@ -208,7 +208,7 @@ _CHUNK = 64 * 1024 * 1024  #: limit of a chunk before compression [bytes]; hapto
 _RATIO = 200  #: limit of the compression ratio of all chunks: rows with their varying times compress less
 _RECORDS = 20_000  #: limit of records, plus one per _EACH bytes of the file: an index has 16 per message
 _EACH = 16
-_RUN = 1024 * 1024  #: messages outside chunks that are read at once [bytes]
+_MAX_RUN_BYTES = 1024 * 1024  #: messages outside chunks that are read at once [bytes]
 _FIRST_CHUNKS = 16  #: chunks searched for the channel before copies without a checksum are used
 _DAMAGE = (McapError, ZstdError, RuntimeError, ValueError, OverflowError, MemoryError, IndexError, struct.error)
 _TOO_MANY = "the recording has more records than a file of its size can have: haptorb did not write it"
@@ -917,7 +917,7 @@ def _parse_record(view: mmap.mmap, at: int, found: _Records) -> int | None:
         if length < _MESSAGE_HEAD or not _is_head(view, end):
             return None
         whole = int(end - at)
-        count = _count_alike(view, at, whole, max(_RUN // whole, 1))
+        count = _count_alike(view, at, whole, max(_MAX_RUN_BYTES // whole, 1))
         found.chunks.add(at, count * whole, count * whole, packed=False)
         return count * whole
     if opcode == Opcode.MESSAGE_INDEX:

@@ -344,7 +344,7 @@ class FieldColumn(NDArrayOperatorsMixin):
 #: alternative name of a field → its name
 _ALSO = {"temperature": "winding"}
 _STATES = {"guard": GuardState, "trip": Trip, "coil_state": CoilState}
-_ICE = 273.15  #: 0 °C [K]
+_ZERO_CELSIUS_K = 273.15  #: 0 °C [K]
 
 
 @final
@@ -407,7 +407,7 @@ class LatestRow:
     def __repr__(self) -> str:
         """Time, state of the guard, and the main quantities with their units; two lines."""
         coils = _describe_state("coil_state", self.coil_state)
-        warm = f"winding at most {format_number(float(np.max(self.winding)) - _ICE)} °C"
+        warm = f"winding at most {format_number(float(np.max(self.winding)) - _ZERO_CELSIUS_K)} °C"
         main = [f"{name} {self._format(name)}" for name in ("p", "wrench_commanded", "wrench_actual")]
         return (
             f"<LatestRow of tick {format_number(self.tick, 15)}, {self.t:.3f} s: guard "

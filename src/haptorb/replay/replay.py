@@ -208,7 +208,7 @@ def _bits(values: Array) -> Array:
 
 _TIMETABLE_MODES = int(TickCommand.TRANSLATE | TickCommand.ROTATE)
 _TIMETABLE_CLUTCH = int(TickCommand.HOLD | TickCommand.RELEASE)
-_SAME = 1e-7  #: tolerance between two equal times [s]
+_TIME_TOLERANCE_S = 1e-7  #: tolerance between two equal times [s]
 
 
 @final
@@ -229,9 +229,9 @@ class Timetable:
             return
         live = commands != NO_TICK
         last = int(np.flatnonzero(live)[-1]) if live.any() else 0
-        count = int(np.floor((t[last] - t[0]) * rate + _SAME)) + 1
+        count = int(np.floor((t[last] - t[0]) * rate + _TIME_TOLERANCE_S)) + 1
         self.t = t[0] + np.arange(count) / rate
-        self.index = np.clip(np.searchsorted(t[: last + 1], self.t + _SAME, side="right") - 1, 0, last)
+        self.index = np.clip(np.searchsorted(t[: last + 1], self.t + _TIME_TOLERANCE_S, side="right") - 1, 0, last)
         before = np.concatenate(([-1], self.index[:-1]))
         self.commands = np.zeros(count)
         given = np.flatnonzero(np.nan_to_num(commands[: last + 1]) > 0.0)

@@ -49,7 +49,7 @@ LONGEST = 3600.0  #: duration of a motion [s]
 _SAMPLES = 1_000_000  #: poses of a motion
 _BYTES = 32 * 1024 * 1024  #: of a table
 _LARGEST = 1e6  #: number of a table, in SI units
-_STEP = 1e-3  #: interval between the poses of a minimum-jerk move [s]
+_MOVE_STEP_S = 1e-3  #: interval between the poses of a minimum-jerk move [s]
 
 
 def read_hand(path: str | Path, device: Device) -> ScriptedMotion:
@@ -294,16 +294,17 @@ def _read_grip(table: dict[str, Array], times: Array, numbers: Sequence[int], pa
         return None
     opening = table["grip"]
     known = np.isfinite(opening)
-    wrong = np.isinf(opening) | (known & ~((opening >= 0.0) & (opening <= _WIDEST)))
+    wrong = np.isinf(opening) | (known & ~((opening >= 0.0) & (opening <= _MAX_OPENING_M)))
     if wrong.any():
         at = int(np.argmax(wrong))
         raise InputError(
-            f"{path}, line {numbers[at]}: grip must be between 0 and {1e3 * _WIDEST:g} mm; got {1e3 * opening[at]:g} mm"
+            f"{path}, line {numbers[at]}: grip must be between 0 and {1e3 * _MAX_OPENING_M:g} mm; "
+            f"got {1e3 * opening[at]:g} mm"
         )
     return (times[known], opening[known]) if known.any() else None
 
 
-_WIDEST = 0.2  #: opening of a gripper between finger and thumb [m]
+_MAX_OPENING_M = 0.2  #: opening of a gripper between finger and thumb [m]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -404,9 +405,9 @@ class _Script:
         self.place = self._current_place() if place is None else place
         self.angles, self.turned = (self.angles, self.turned) if angles is None else (angles, True)
         after = np.concatenate((self.place, self.angles))
-        count = max(math.ceil(duration / _STEP - 1e-9), 1)
+        count = max(math.ceil(duration / _MOVE_STEP_S - 1e-9), 1)
         if self.samples + count > _SAMPLES:
-            raise ValueError(f"the moves last longer than {_SAMPLES * _STEP:g} s together")
+            raise ValueError(f"the moves last longer than {_SAMPLES * _MOVE_STEP_S:g} s together")
         s = np.arange(1, count + 1) / count
         share = s**3 * (10.0 + s * (6.0 * s - 15.0)) if smooth else s
         self._add(self.now + s * duration, before + share[:, None] * (after - before))
@@ -427,8 +428,8 @@ class _Script:
 
     def close_grip(self, opening: float, duration: float) -> None:
         """Move the gripper to `opening` [m] within `duration` [s]."""
-        if not 0.0 <= opening <= _WIDEST:
-            raise ValueError(f"grip must be between 0 and {1e3 * _WIDEST:g} mm")
+        if not 0.0 <= opening <= _MAX_OPENING_M:
+            raise ValueError(f"grip must be between 0 and {1e3 * _MAX_OPENING_M:g} mm")
         self._current_place()
         if duration and not math.isnan(self.opening):
             self.grip.append((self.now, self.opening))

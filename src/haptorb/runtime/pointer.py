@@ -63,7 +63,7 @@ def _rotation(q: Array) -> Array:
     )
 
 
-_RELEASE = 1.5  #: time in which a released hand returns to rest [s]
+_RELEASE_TIME_S = 1.5  #: time in which a released hand returns to rest [s]
 
 
 def _since(now: float, start: float) -> float:
@@ -141,11 +141,11 @@ class PointerTracker(Tracker):
                 self._last, self._released = (pointed.p, pointed.q), now
                 return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
         guide, since, still = self._guide, _since(now, self._released), False
-        if since >= (guide.duration if self._last is None else _RELEASE):
+        if since >= (guide.duration if self._last is None else _RELEASE_TIME_S):
             (p, q), still = self._rest, guide.relaxes
         elif self._last is None:
             p, q = guide.at(since)
         else:
-            s = min(since / _RELEASE, 1.0)
+            s = min(since / _RELEASE_TIME_S, 1.0)
             p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
         return Goal(p, q, now, False, still), 0.0

@@ -31,14 +31,14 @@ __all__ = ["Compilation", "dry_run", "find_uncompiled", "list_companions", "make
 # A tick with stub driver and estimator, used to compile or load the controller's code.
 
 
-_DT = 1e-3  #: [s]
-_AMBIENT = 298.15  #: [K]
+_TICK_S = 1e-3  #: [s]
+_AMBIENT_K = 298.15  #: [K]
 
 
 def make_idle_tick(device: Device, world: World, gains: Gains | None = None) -> Tick:
     """Make the chain of `world` on `device` with a stub driver and a stub estimator, which need no compiled code."""
     return Tick(
-        device, world, _IdleDriver(device), _IdleEstimator(device), make_allocator(device), _DT,
+        device, world, _IdleDriver(device), _IdleEstimator(device), make_allocator(device), _TICK_S,
         make_linkage(device, gains), choice=make_choice(device),
     )  # fmt: skip
 
@@ -76,7 +76,7 @@ class _IdleDriver(Driver):
         """Return the constant sample."""
         still = np.zeros(3)
         pose = Pose(now, np.eye(3), self._place, still, still, True)
-        return Sample(now, self._currents, self._currents + _AMBIENT, self._field, pose)
+        return Sample(now, self._currents, self._currents + _AMBIENT_K, self._field, pose)
 
     def write(self, duties: Array) -> Array:
         """Return the duties unchanged."""

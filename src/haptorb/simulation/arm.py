@@ -27,7 +27,7 @@ from haptorb.simulation.parts import GRIP, coil_step, cold_coils, fill_remaining
 
 __all__ = ["ARM", "SimulatedArm", "advance_arm"]
 
-_STEP = 1e-4  #: of the simulation [s]
+_STEP_S = 1e-4  #: of the simulation [s]
 
 #: State of a simulated arm except its motors.
 ARM = fields(
@@ -171,7 +171,7 @@ class SimulatedArm(CoilSimulation):
     def __init__(self, device: Arm, seed: int = 0, *, held: bool = True) -> None:
         self.device: Arm = device
         seed_noise(seed)  # rejects an invalid specimen number
-        super().__init__(np.zeros(1, dtype=ARM), cold_coils(device), _STEP, device.supply.duty_bits)
+        super().__init__(np.zeros(1, dtype=ARM), cold_coils(device), _STEP_S, device.supply.duty_bits)
         state, effector, workspace = self._state, device.effector, device.workspace
         hand = device.hand if held else None
         state["mass"] = effector.mass + (0.0 if hand is None else hand.mass)

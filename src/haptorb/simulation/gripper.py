@@ -18,7 +18,7 @@ from haptorb.devices.gripper import Gripper
 
 __all__ = ["SimulatedGripper"]
 
-_STEP = 1e-4  #: of the simulation [s]
+_STEP_S = 1e-4  #: of the simulation [s]
 _LAG_S = 3e-4  #: of the motor's force, as of an arm's motors [s]
 _STOP_STIFFNESS = 10e3  #: where thumb and finger meet, and where they are widest [N/m]
 _STOP_DAMPING = 20.0  #: [N·s/m]
@@ -93,7 +93,7 @@ class SimulatedGripper:
 
     def advance(self, dt: float, command: float, goal: float) -> None:
         """Advance by `dt` [s] under the motor's `command` [N], positive to open, with the fingers' `goal` [m]."""
-        steps = max(math.ceil(dt / _STEP - _TIME_ERROR_S / _STEP), 1)
+        steps = max(math.ceil(dt / _STEP_S - _TIME_ERROR_S / _STEP_S), 1)
         if dt > 0.0:
             _advance(self._state, command, self._find_goal(goal), dt / steps, steps)
 

@@ -58,11 +58,11 @@ _PRESSED_DISTANCE_M = 0.048  #: while pressing [m]: 2 mm below contact, so that 
 _REST_DISTANCE_M = 0.0505  #: at rest [m]
 _LEAN_TIME_S = 12.0  #: from here the hand leans on the dome without moving along it [s]
 _LEAVE_TIME_S = 16.0  #: from here it moves to the edge [s]
-_LANDING_TILT = math.radians(30.0)  #: tilt at touch-down [rad]
-_CIRCLE_TILT = math.radians(18.0)  #: tilt of the circle around the summit [rad]
-_GUIDED_MOTION_LEAN = math.radians(10.0)  #: tilt near the summit, on the far side [rad]
-_REST_TILT = math.radians(58.0)  #: tilt at rest, on the near side [rad]
-_BEARING = math.radians(-60.0)  #: azimuth of the slide [rad]
+_LANDING_TILT_RAD = math.radians(30.0)  #: tilt at touch-down [rad]
+_CIRCLE_TILT_RAD = math.radians(18.0)  #: tilt of the circle around the summit [rad]
+_LEAN_RAD = math.radians(10.0)  #: tilt near the summit, on the far side [rad]
+_REST_TILT_RAD = math.radians(58.0)  #: tilt at rest, on the near side [rad]
+_SLIDE_AZIMUTH_RAD = math.radians(-60.0)  #: azimuth of the slide [rad]
 _GUIDED_MOTION_TURN = 2 * math.pi  #: one full turn
 
 
@@ -77,12 +77,12 @@ def _smooth(t: float, start: float, end: float) -> float:
 def _position(t: float, p: Array) -> None:
     # A signed tilt along one meridian passes the summit without a turn of the hand.
     tilt = (
-        _LANDING_TILT
-        - (_LANDING_TILT + _CIRCLE_TILT) * _smooth(t, 1.5, 5.0)  # across the summit to the far side
-        + (_CIRCLE_TILT - _GUIDED_MOTION_LEAN) * _smooth(t, 10.5, _LEAN_TIME_S)
-        + (_GUIDED_MOTION_LEAN + _REST_TILT) * _smooth(t, _LEAVE_TIME_S, DURATION)
+        _LANDING_TILT_RAD
+        - (_LANDING_TILT_RAD + _CIRCLE_TILT_RAD) * _smooth(t, 1.5, 5.0)  # across the summit to the far side
+        + (_CIRCLE_TILT_RAD - _LEAN_RAD) * _smooth(t, 10.5, _LEAN_TIME_S)
+        + (_LEAN_RAD + _REST_TILT_RAD) * _smooth(t, _LEAVE_TIME_S, DURATION)
     )
-    bearing = _BEARING + _GUIDED_MOTION_TURN * _smooth(t, 5.0, 10.5)
+    bearing = _SLIDE_AZIMUTH_RAD + _GUIDED_MOTION_TURN * _smooth(t, 5.0, 10.5)
     d = (
         _APPROACH_DISTANCE_M
         + (_PRESSED_DISTANCE_M - _APPROACH_DISTANCE_M) * _smooth(t, 0.0, 1.5)
@@ -446,7 +446,7 @@ class SampledPath:
         return pose[:3], pose[3:] / length if length > 1e-6 else upright_quaternion(pose[:3])
 
 
-_TICK_ERROR = 1e-9  #: rounding tolerance of a tick's deadline [s]
+_TICK_ROUNDING_S = 1e-9  #: rounding tolerance of a tick's deadline [s]
 
 
 @final
@@ -492,7 +492,7 @@ class ScriptedMotion(GuidedMotion):
 
     def signals_at(self, t: float) -> tuple[int, float]:
         """Pressed buttons at time `t` [s], a sum of 1, 2 and 4, and the gripper's opening [m], NaN without one."""
-        after = int(np.searchsorted(self.press_times, t + _TICK_ERROR, side="right"))
+        after = int(np.searchsorted(self.press_times, t + _TICK_ROUNDING_S, side="right"))
         bits = int(self.pressed[after - 1]) if after else 0
         return bits, math.nan if self.grip is None else float(np.interp(t, *self.grip))
 

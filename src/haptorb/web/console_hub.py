@@ -317,11 +317,11 @@ class DesignRelay:
 
 
 MOST = 16  #: pages at the same time
-FRAME = 1 / 60  #: between two frames [s]
-SOON = 1 / 500  #: polling interval of the rows while an echo of the pointer is pending [s]
-REFRESH = 1 / 100  #: between two refreshes of a hand at rest [s]
-LOOK = 0.5  #: between two measurements of the loop's health [s]
-FRESH = 0.1  #: delay of engaging, for the guard to get a fresh pose [s]
+FRAME_INTERVAL_S = 1 / 60  #: between two frames [s]
+ECHO_POLL_INTERVAL_S = 1 / 500  #: polling interval of the rows while an echo of the pointer is pending [s]
+HAND_REFRESH_INTERVAL_S = 1 / 100  #: between two refreshes of a hand at rest [s]
+HEALTH_INTERVAL_S = 0.5  #: between two measurements of the loop's health [s]
+ENGAGE_DELAY_S = 0.1  #: delay of engaging, for the guard to get a fresh pose [s]
 
 _REPORTED_REFUSALS = (
     "another_sender",
@@ -368,7 +368,7 @@ class ConsoleSocketHub:
         while True:
             self._hand.refresh()
             if time.monotonic() >= next_look:
-                next_look = time.monotonic() + LOOK
+                next_look = time.monotonic() + HEALTH_INTERVAL_S
                 if self._pages:
                     self._send_to_all("health", **self._health.measure(), **describe_troubles(self._servo))
                 self._publish_world()
@@ -377,7 +377,7 @@ class ConsoleSocketHub:
                 self._designs.poll()
             if self._pages:
                 self._recent.poll()  # in small portions, even if all pages are slow
-            await asyncio.sleep(REFRESH)
+            await asyncio.sleep(HAND_REFRESH_INTERVAL_S)
 
     async def join(self, socket: WebSocket) -> None:
         """Serve one page until it disconnects or stops reading; refuse pages above the maximum with the reason."""
@@ -446,7 +446,9 @@ class ConsoleSocketHub:
                 self._cancel_engage()
                 # The guard engages only on a fresh pose, so wait for one. A stop in between cancels.
                 # safety: console-engage-stops
-                self._engaging = asyncio.get_running_loop().call_later(FRESH, self._engage, page, self._servo.stops)
+                self._engaging = asyncio.get_running_loop().call_later(
+                    ENGAGE_DELAY_S, self._engage, page, self._servo.stops
+                )
             case "home":
                 self._hand.home()
             case "drop":
@@ -568,13 +570,13 @@ class ConsoleSocketHub:
                 page.dropped += end - sent - len(rows)
                 sent = end
                 await page.send(rows_frame(rows, self._index, self._t, self._tick, echo, page.dropped))
-                due = now + FRAME
+                due = now + FRAME_INTERVAL_S
             await self._pause(page, max(due - time.monotonic(), 0.0) if end == sent or due > now else 0.0)
 
     async def _pause(self, page: ConsolePage, rest: float) -> None:
         """Wait until the next frame is due or an event is queued."""
         if page is self._pages[0] and self._hand.waiting:
-            await asyncio.sleep(min(rest, SOON))
+            await asyncio.sleep(min(rest, ECHO_POLL_INTERVAL_S))
             return
         page.soon.clear()
         if page.events:

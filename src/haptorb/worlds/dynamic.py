@@ -190,7 +190,7 @@ def _size(dtype: np.dtype[Any]) -> int:
     return total
 
 
-_FIRST = 1e-3  #: time step of a wrench evaluated outside a loop [s]
+_SINGLE_STEP_S = 1e-3  #: time step of a wrench evaluated outside a loop [s]
 
 
 class WorldWork(ABC):
@@ -358,7 +358,7 @@ class DynamicWorld(World):
 
     def wrench(self, state: State) -> Array:
         """(6,) wrench at `state` in the first millisecond after the start [N, N·m]."""
-        return self.advance(self.begin(), state, _FIRST)
+        return self.advance(self.begin(), state, _SINGLE_STEP_S)
 
     @property
     def wrench_code(self) -> Callable[..., Any]:

@@ -20,7 +20,7 @@ __all__ = ["Fluid", "StirredFluid"]
 
 
 _RINGS = 8
-_CORK = 0.003  #: radius [m]
+_CORK_RADIUS_M = 0.003  #: radius [m]
 _FIELDS = (
     MemoryField("swirl", "m/s", "speed of each ring of fluid about +z, from the axis outward", (_RINGS,)),
     MemoryField("angle", "rad", "angle about +z of a cork that floats on the fluid"),
@@ -152,7 +152,7 @@ class StirredFluid(DynamicWorld):
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """Cork that floats on the fluid."""
-        return (Shape("cork", "sphere", (_CORK,), "cork"),)
+        return (Shape("cork", "sphere", (_CORK_RADIUS_M,), "cork"),)
 
     @property
     def bound(self) -> float:
@@ -174,13 +174,13 @@ class StirredFluid(DynamicWorld):
         made["drag"], made["greatest"] = self.drag, self.greatest
         made["decay"], made["mixing"] = 1.0 / self.runs_on, (self.distance / _RINGS) ** 2 / self.mixing
         made["mass"] = self.mass * (2 * np.arange(_RINGS) + 1) / _RINGS**2  # equal mass per area
-        made["cork"], made["distance"] = 0.5 * self.ground, self.ground + _CORK
+        made["cork"], made["distance"] = 0.5 * self.ground, self.ground + _CORK_RADIUS_M
         return made
 
     def begin(self) -> Records:
         """Initial state: at rest, with the cork at +x [m]."""
         memory = make_memory(_FIELDS)
-        aside, high = 0.5 * self.ground, self.ground + _CORK
+        aside, high = 0.5 * self.ground, self.ground + _CORK_RADIUS_M
         memory["cork"] = aside, 0.0, (high * high - aside * aside) ** 0.5
         return memory
 

@@ -95,7 +95,7 @@ def check_workspace(places: Array, spacing: float, device: Device) -> None:
             )
 
 
-_SPACING = 0.25e-3  #: spacing of the stored points [m], finer than a hand can distinguish
+_POINT_SPACING_M = 0.25e-3  #: spacing of the stored points [m], finer than a hand can distinguish
 _MIN_LENGTH_M = 5e-3  #: minimum length for guidance [m]
 _MAX_LENGTH_M = 2.0  #: [m]
 _MAX_POINTS = 10_000  #: maximum number of given points
@@ -208,7 +208,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     gone = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))))
     if not _MIN_LENGTH_M <= gone[-1] <= _MAX_LENGTH_M:
         raise InputError(f"a path must be 5 mm to 2 m long; this one is {gone[-1]:.4g} m")
-    count = max(int(np.ceil(gone[-1] / _SPACING)), 20)
+    count = max(int(np.ceil(gone[-1] / _POINT_SPACING_M)), 20)
     places = _resample(fine, gone, np.linspace(0.0, gone[-1], count + 1))
     spacing = float(gone[-1] / count)
     check_crossing(places, spacing, closed)
@@ -224,7 +224,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
 
 def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Array:
     """(n, 3) dense points between `corners` (k, 3), which have the chord lengths `gone` (k,) [m]."""
-    at = np.unique(np.concatenate([gone, np.linspace(0.0, gone[-1], 2 + int(gone[-1] / (0.5 * _SPACING)))]))
+    at = np.unique(np.concatenate([gone, np.linspace(0.0, gone[-1], 2 + int(gone[-1] / (0.5 * _POINT_SPACING_M)))]))
     straight = _resample(corners, gone, at)
     if smooth and len(corners) > 2:
         from scipy.interpolate import CubicSpline  # imported only when points are given
@@ -304,8 +304,8 @@ def load_path(file: str | Path, *, closed: bool | None = None, smooth: bool = Tr
 
 #: in the order of the world's parameter `shape`
 SHAPES = ("line", "circle", "square", "spiral")
-_FIRST_TILT = 6.0  #: start of the spiral [deg]
-_PITCH = 9.0  #: increase of its tilt per turn [deg]
+_FIRST_TILT_DEG = 6.0  #: start of the spiral [deg]
+_TILT_PER_TURN_DEG = 9.0  #: increase of its tilt per turn [deg]
 
 
 @lru_cache(maxsize=32)
@@ -328,9 +328,9 @@ def make_shape(name: str, size_deg: float = 25.0, radius: float = 0.05) -> Guida
     if name == "square":
         turn = np.radians([45.0, 135.0, 225.0, 315.0])
         return make_path(_place(np.full(4, size_deg), turn, radius), closed=True, smooth=False)
-    turns = max((size_deg - _FIRST_TILT) / _PITCH, 0.5)
+    turns = max((size_deg - _FIRST_TILT_DEG) / _TILT_PER_TURN_DEG, 0.5)
     turn = np.linspace(0.0, 2 * np.pi * turns, 1 + round(180 * turns))
-    return make_path(_place(np.linspace(_FIRST_TILT, size_deg, len(turn)), turn, radius), smooth=False)
+    return make_path(_place(np.linspace(_FIRST_TILT_DEG, size_deg, len(turn)), turn, radius), smooth=False)
 
 
 def _place(tilt_deg: Array, turn: Array, radius: float) -> Array:
@@ -343,7 +343,7 @@ def _place(tilt_deg: Array, turn: Array, radius: float) -> Array:
 # Path as drawn in the console: a thin tube.
 
 
-_RADIUS = 0.35e-3  #: of the tube [m]
+_TUBE_RADIUS_M = 0.35e-3  #: of the tube [m]
 _RING_SPACING_M = 1.5e-3  #: spacing of the rings, up to `_MAX_RINGS` [m]
 _MAX_RINGS = 320  #: limit for a path of 2 m, so that the page stays fast
 _SIDES = 4
@@ -368,7 +368,7 @@ def draw_path(path: GuidancePath, lower: float = 0.0) -> Shape:
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     turn = np.arange(_SIDES) * 2 * np.pi / _SIDES
     across = np.cos(turn)[:, None] * side[:, None] + np.sin(turn)[:, None] * np.cross(side, along)[:, None]
-    points = (centres[:, None] - lower * outward[:, None] + _RADIUS * across).round(5)
+    points = (centres[:, None] - lower * outward[:, None] + _TUBE_RADIUS_M * across).round(5)
     here = _SIDES * np.arange(count)[:, None] + np.arange(_SIDES)
     beside = _SIDES * np.arange(count)[:, None] + (np.arange(_SIDES) + 1) % _SIDES
     corners = np.stack([here, beside, here + _SIDES, beside, beside + _SIDES, here + _SIDES], axis=-1)

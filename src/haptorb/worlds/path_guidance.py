@@ -137,7 +137,7 @@ _MAX_PATH_DISTANCE_M = 15e-3  #: distance from the path's point above which the 
 _PACE_TIME_CONSTANT_S = 0.15  #: time constant of the pace's low-pass filter [s]
 _GUIDANCE_TIME_CONSTANT_S = 0.25  #: time constant with which guidance follows the pace [s]
 _MAX_NEWTON_STEPS = 30  #: per tick
-_PRECISION = 1e-5  #: tolerance of the plan [N]
+_PLAN_TOLERANCE_N = 1e-5  #: tolerance of the plan [N]
 
 
 @kernel
@@ -228,7 +228,7 @@ def _plan(m: Record, s: Record, heat: Array, work: Array) -> None:
     x = work[size + 3]
     for i in range(n):
         x[i], x[n + i] = m.plan[i], 0.0
-    m.steps = solve_box(hessian, linear, low, high, x, work[size + 4 :], _MAX_NEWTON_STEPS, _PRECISION)
+    m.steps = solve_box(hessian, linear, low, high, x, work[size + 4 :], _MAX_NEWTON_STEPS, _PLAN_TOLERANCE_N)
     for i in range(n):
         m.plan[i] = x[i]
 

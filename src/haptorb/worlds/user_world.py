@@ -288,7 +288,7 @@ class _GivenTexts(MetaPathFinder, Loader):
 
 
 _PACKAGE = str(Path(__file__).parents[1])
-_FIRST = 1e-3  #: time step of a world's first call [s]
+_FIRST_CALL_STEP_S = 1e-3  #: time step of a world's first call [s]
 _FRAMES = 6  #: maximum number of frames of the user's code, the innermost; a recursion has a thousand
 
 
@@ -345,7 +345,7 @@ def fit_world(world: World, device: Device) -> World:
     try:
         fitted: object = world.for_device(device)
         if isinstance(fitted, World):
-            bind_world(fitted, _FIRST)
+            bind_world(fitted, _FIRST_CALL_STEP_S)
     except HaptorbError:
         raise
     except BaseException as cause:  # of user code: also sys.exit
@@ -367,7 +367,7 @@ def try_world(world: World, device: Device) -> World:
     """
     fitted = fit_world(world, device)
     try:
-        rendered = bind_world(fitted, _FIRST) or fitted
+        rendered = bind_world(fitted, _FIRST_CALL_STEP_S) or fitted
         check_wrench(rendered.wrench(State.at(device.rest_position, R_SR=np.eye(3))))
     except BaseException as cause:  # of user code: also sys.exit
         if isinstance(cause, KeyboardInterrupt):
