@@ -633,10 +633,6 @@ RULES = [
     ("off-means-zero-duties", "off means zero duties", "always", TICK_TESTS),
 ]
 
-GUARD, DOOR, ANSWER = "control/protection/guard_rules.py", "control/guard.py", "runtime/tick/kernels.py"
-DRIVE, PASSIVITY = "control/drive.py", "control/passivity.py"
-TICK = "runtime/tick.py"
-
 RED, GREEN, ANYWAY = "red, as it must be", "STILL GREEN", "RED ANYWAY"
 _LIMIT = "timeout=1500"  # the first test of a run compiles kernels, and that must not be what makes it red
 
