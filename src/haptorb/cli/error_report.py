@@ -129,7 +129,8 @@ class ErrorReport(NotebookReport):
             console,
             "alone: 95 % of the errors if all else is exact. share: first-order Sobol index, of the variance. total: "
             f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, in which "
-            "a share may lie below zero or above the total",
+            "a share may lie below zero or above the total. An error that all devices have in common is in alone, and "
+            "in no share",
             "dim",
         )
         if budget.left_out:
@@ -154,7 +155,10 @@ class ErrorReport(NotebookReport):
         left.set_ylabel(f"error of the delivered wrench [{unit}]")
         left.set_title(f"{100 * COVERAGE:.0f} % bands for {1e3 * budget.asked:g} {unit}", loc="left")
         left.grid(axis="y", alpha=0.3)
-        left.legend(frameon=False, fontsize=8)
+        # Below the axes, because the bands fill them.
+        left.legend(
+            frameon=False, fontsize=8, ncols=count + 1, loc="upper center", bbox_to_anchor=(0.5, -0.12), markerscale=0.5
+        )
         scale = 1e3 * budget.jnd * budget.asked
         jnd = left.secondary_yaxis("right", functions=(lambda x: x / scale, lambda x: x * scale))
         jnd.set_ylabel("just-noticeable differences")
