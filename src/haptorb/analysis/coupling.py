@@ -54,8 +54,7 @@ class HeldMover:
 
     grip            in the coordinates of the loop: of a rotor, about its centre [kg·m², N·m·s, N·m]
     move, turn      factors from a stiffness along, or about, the axes of a scene to these coordinates; turn 0: no
-    torque
-                    is rendered
+                    torque is rendered
     strongest       maximum force of the device on the mover [N], for the minimum displacement; inf: no limit
     """
 

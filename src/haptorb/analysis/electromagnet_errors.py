@@ -342,7 +342,7 @@ def built_sources(
         layers, change = _change_layers(device, moments=computed)
         found.append(
             source(
-                "turns of each layer of the windings", known.turns_per_layer, f"{known.turns_per_layer:g}",
+                "turns of each layer of the windings", known.turns_per_layer, f"{known.turns_per_layer:g} turns",
                 origin("turns_per_layer"), layers, change, evenly=True,
             )
         )  # fmt: skip

@@ -50,8 +50,8 @@ __all__ = ["MotorErrors", "MotorPoint", "MotorTrial", "motor_errors"]
 
 
 TORQUE_JND = 0.127  #: just-noticeable difference of a torque of 60 mN·m, relative
-MOTOR_ERRORS_REGIONS = ("tilt below a third", "tilt of a third to two thirds", "tilt above two thirds")
-MOTOR_ERRORS_COMPONENTS = (Component("about X", (0,)), Component("about Y", (1,)), Component("about Z", (2,)))
+_REGIONS = ("tilt below a third", "tilt of a third to two thirds", "tilt above two thirds")
+_COMPONENTS = (Component("about X", (0,)), Component("about Y", (1,)), Component("about Z", (2,)))
 
 
 @dataclass
@@ -88,7 +88,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
     estimator: "least-squares" (the field sensors) or "tracker"; built: how it may be built, or None.
     """
 
-    unit, jnd, regions, components, motion = "N·m", TORQUE_JND, MOTOR_ERRORS_REGIONS, MOTOR_ERRORS_COMPONENTS, "at rest"
+    unit, jnd, regions, components, motion = "N·m", TORQUE_JND, _REGIONS, _COMPONENTS, "at rest"
 
     def __init__(
         self, device: SphericalMotor, asked: float, sources: tuple[ErrorSource[MotorTrial], ...], estimator: str,
@@ -220,7 +220,7 @@ class MotorErrors(ErrorModel[MotorTrial, MotorPoint]):
 
 MOTOR_SOURCES_ESTIMATORS = ("least-squares", "tracker")
 #: number of readings that the orientation's filter averages, at 1 kHz: 1/0.42, for its time constant of 2.5 ms
-_MOTOR_SOURCES_AVERAGED = 2.4
+_AVERAGED_READINGS = 2.4
 
 
 def motor_errors(
@@ -260,7 +260,7 @@ def motor_errors(
         *_tolerance_sources(device, built),
         source("torque of the regulator", known.regulator, "1", origin("regulator"), 1, add_to("regulator")),
         source("weight of the rotor", known.weight, "1", origin("weight"), 1, add_to("weight")),
-        *_motor_sources_pose_sources(device, chosen),
+        *_pose_sources(device, chosen),
         *current_sources(device, known, known.current_offset),
     )
     most = float(motor_capability(device, 5, 20).peak.min())
@@ -273,7 +273,7 @@ def motor_errors(
     return made
 
 
-def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple[ErrorSource[MotorTrial], ...]:
+def _pose_sources(device: SphericalMotor, estimator: str) -> tuple[ErrorSource[MotorTrial], ...]:
     """Error sources of the orientation, by estimator."""
     if estimator == "tracker":
         known = device.uncertainty
@@ -283,13 +283,13 @@ def _motor_sources_pose_sources(device: SphericalMotor, estimator: str) -> tuple
     placement = device.hall.errors.placement
     origin = "assumed" if "sensors.placement" in device.assumed else "device file"
     return (
-        *sensor_sources(device, device.hall, "sensors", _MOTOR_SOURCES_AVERAGED),
+        *sensor_sources(device, device.hall, "sensors", _AVERAGED_READINGS),
         source("field sensors, position", placement, "m", origin, 3 * device.sensors, add_to("placement")),
     )
 
 
 def _tolerance_sources(device: SphericalMotor, built: ToleranceSlopes | None) -> tuple[ErrorSource[MotorTrial], ...]:
-    """Sources from [tolerance]: all values within √3 of their standard deviation alike likely."""
+    """Sources from [tolerance]: all values within √3 of their standard deviation equally likely."""
     known = device.tolerance
     if known is None or built is None:
         return ()
@@ -308,7 +308,7 @@ def _tolerance_sources(device: SphericalMotor, built: ToleranceSlopes | None) ->
         part("positions of the coils", "position", "m", 3 * c, move_parts("coils")),
         part("axes of the coils", "tilt", "rad", 3 * c, tilt_parts("coils", coils)),
         part("edges of the windings", "winding", "m", 3 * c, add_to("parts.edges")),
-        part(of_layers, "turns_per_layer", f"{turns:g}", c * layers, wind_layers(built.layers)),
+        part(of_layers, "turns_per_layer", f"{turns:g} turns", c * layers, wind_layers(built.layers)),
         part("positions of the magnets", "magnet_position", "m", 3 * len(magnets), move_parts("magnets")),
         part("axes of the magnets", "magnet_tilt", "rad", 3 * len(magnets), tilt_parts("magnets", magnets)),
     )
@@ -336,7 +336,7 @@ def tilt_parts(name: str, axes: Array) -> Effect:
 def wind_layers(nominal: Array) -> Effect:
     """Effect of more turns in each layer than the `nominal` ones (l,).
 
-    The model fills the section evenly. Where the last layer is not full, all coils differ from it alike.
+    The model fills the section evenly. Where the last layer is not full, all coils differ from it by the same amount.
     """
     uneven = nominal - nominal.mean()
 
