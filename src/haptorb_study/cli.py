@@ -496,14 +496,16 @@ def run(
     if terminal and (known.mask is not None or lsl is not None):
         raise InputError("masking noise and LSL streams need the browser: leave out --terminal")
     print_forecast(known)
+    from haptorb.runtime.config import RunConfig
     from haptorb.runtime.servo import Servo
 
     def start(recording: Path | None) -> Servo:
-        servo = Servo(
-            known.device, "nothing", driver=driver, tracker=tracker, frame=frame, record=recording or False,
+        config = RunConfig.of(
+            known.device, "nothing", driver=driver, tracker=tracker, frame=frame,
             model=known.model_on(known.load_device()), render=known.render or None,
-            about={"study": known.name, "digest": known.digest, **({} if recording is None else name_parts(recording))},
         )  # fmt: skip
+        about = {"study": known.name, "digest": known.digest, **({} if recording is None else name_parts(recording))}
+        servo = Servo(config, record=recording or False, about=about)
         if known.own_world is not None:
             servo.add_world(known.own_world)
         return servo

@@ -199,11 +199,12 @@ def find_scale(device: str, designs: Sequence[Candidate], candidates: Candidates
 
 def _servo(device: str, design: Candidate, candidates: Candidates, *, record: Literal[False] | None = None) -> Servo:
     from haptorb.control.linkage import MOTOR_GAINS
+    from haptorb.runtime.config import RunConfig
     from haptorb.runtime.servo import Servo
 
     # The file scales torques; the ratio of handle to part motion belongs to the motor.
     gains = MOTOR_GAINS.scale(float(candidates.gains.torque_per_motion[0]))
-    return Servo(device, design.world, gains=gains, record=record)
+    return Servo(RunConfig.of(device, design.world, gains=gains), record=record)
 
 
 def feel_without_console(
