@@ -5,6 +5,11 @@ import type { Gives, Scene } from "../session";
 import { mapPixels, onThemeChange } from "../theme";
 import { at, make, formatNumber, write } from "./dom";
 
+/** where the colour bar lies above the picture instead of standing in it; the same width as in style.css */
+const NARROW = matchMedia("(max-width: 700px)");
+/** size of the bar's picture, which is stretched [pixels] */
+const [LENGTH, THICKNESS] = [256, 18];
+
 export class Legend {
   private range = 0;
   private painted = true;
@@ -13,6 +18,7 @@ export class Legend {
 
   constructor(private readonly words: readonly [string, string] = [" pushes", " pulls"]) {
     onThemeChange(() => this.paint());
+    NARROW.addEventListener("change", () => this.paint());
     this.paint();
   }
 
@@ -28,7 +34,7 @@ export class Legend {
       const word = share === 1 ? this.words[0] : share === -1 ? this.words[1] : "";
       const sign = share > 0 ? "+" : "";
       const tick = make("li", {}, `${sign}${formatNumber(share * range, range < 0.2 ? 3 : 2)}${word}`);
-      tick.style.top = `${50 - 50 * share}%`;
+      tick.style.setProperty("--share", `${share}`);
       ticks.append(tick);
     }
   }
@@ -68,7 +74,7 @@ export class Legend {
     const radial = dot(sample.vector("wrench_actual"), p) / norm(p);
     const marker = at("marker");
     marker.hidden = !(Number.isFinite(radial) && this.range > 0);
-    if (!marker.hidden) marker.style.transform = `translateY(${50 - 50 * Math.min(1, Math.max(-1, radial / this.range))}%)`;
+    if (!marker.hidden) marker.style.setProperty("--share", `${Math.min(1, Math.max(-1, radial / this.range))}`);
   }
 
   /** The scale bar, at `pixels` per millimetre. */
@@ -83,10 +89,13 @@ export class Legend {
     const canvas = at<HTMLCanvasElement>("bar");
     const context = canvas.getContext("2d")!;
     const pixels = mapPixels();
-    for (let y = 0; y < canvas.height; y++) {
-      const k = 4 * Math.round(255 * (1 - y / (canvas.height - 1)));
+    canvas.width = NARROW.matches ? LENGTH : THICKNESS;
+    canvas.height = NARROW.matches ? THICKNESS : LENGTH;
+    for (let n = 0; n < LENGTH; n++) {
+      const k = 4 * Math.round((255 * n) / (LENGTH - 1));
       context.fillStyle = `rgb(${pixels[k]} ${pixels[k + 1]} ${pixels[k + 2]})`;
-      context.fillRect(0, y, canvas.width, 1);
+      if (NARROW.matches) context.fillRect(n, 0, 1, THICKNESS);
+      else context.fillRect(0, LENGTH - 1 - n, THICKNESS, 1);
     }
   }
 }
