@@ -54,6 +54,29 @@ settings.register_profile(
 )
 settings.load_profile("fixed")
 
+
+def _build_devices_once() -> None:
+    """Devices are immutable: in this process each text is built once, although nearly every test module loads some
+    (25 to 70 ms each, and again for the tables that a device computes when they are needed)."""
+    from haptorb.devices import loader
+
+    build, built = loader.build_tables, dict[Any, Any]()
+
+    def build_tables(tables: Any, *, override: bool = False) -> Any:
+        kind = str(tables.values.get("kind"))
+        if tables.file is None or tables.name not in _CATALOGUE:
+            return build(tables, override=override)
+        key = (tables.name, tables.text, override, kind)
+        if key not in built:
+            built[key] = build(tables, override=override)
+        return built[key]
+
+    loader.build_tables = build_tables
+
+
+_CATALOGUE = frozenset(path.stem for path in (ROOT / "src/haptorb/devices/catalogue").glob("*.toml"))
+_build_devices_once()
+
 #: files, or folders whose files share what one of them made: begun first where several processes share the tests,
 #: because whoever gets one of these at the end keeps the others waiting. While one process compiles the kernels, the
 #: other tests studies, which need few; documentation and examples find the kernels compiled.

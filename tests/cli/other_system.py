@@ -344,11 +344,12 @@ def use(folder):
 
 
 def main(system, folder, *only):
-    """Hide, use, tell; `only` these parts."""
+    """Hide, use, tell; `only` these parts, or with "without" before them all others."""
     hide(system)
     told = {}
     parts = use(Path(folder))
-    for name in only or parts:
+    wanted = [name for name in parts if name not in only] if only[:1] == ("without",) else only or parts
+    for name in wanted:
         part = parts[name]
         begun = time.monotonic()
         try:

@@ -34,16 +34,26 @@ def use(system, folder, *only):
     return json.loads(done.stdout)
 
 
+#: parts that start a loop again, four to seven seconds of processor time each; every suite has "run" and "run console"
+NIGHTLY = ("servo", "hang", "study run", "feel", "feel headless")
+
+
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    return use("win32", tmp_path_factory.mktemp("elsewhere"))
+    return use("win32", tmp_path_factory.mktemp("elsewhere"), "without", *NIGHTLY)
+
+
+@pytest.fixture(scope="module")
+def told_at_night(tmp_path_factory):
+    return use("win32", tmp_path_factory.mktemp("night"), *NIGHTLY)
 
 
 @pytest.fixture
-def result(told):
+def result(request):
     """What a part returned; its traceback if it failed."""
 
     def find(name):
+        told = request.getfixturevalue("told_at_night" if name in NIGHTLY else "told")
         assert "error" not in told[name], told[name]["error"][-1]
         return told[name]["result"]
 
@@ -83,7 +93,7 @@ def test_magnetics_and_recordings(result):
         ("view", '"ticks": 50'),
         ("design sweep", "4 designs"),
         ("run", '"coil_state": "off"'),
-        ("feel headless", "pull_out_force_n"),
+        pytest.param("feel headless", "pull_out_force_n", marks=pytest.mark.slow),
     ],
 )
 def test_a_command_works(result, part, expected):
@@ -97,7 +107,10 @@ def test_a_run_says_what_is_promised_about_time(result):
     assert "Windows has no real-time scheduler for the loop" in " ".join(result("run")[2].split())
 
 
-@pytest.mark.parametrize("part", ["run console", "study run", "feel", "design show"])
+@pytest.mark.parametrize(
+    "part",
+    ["run console", "design show", *(pytest.param(part, marks=pytest.mark.slow) for part in ("study run", "feel"))],
+)
 def test_a_page_is_served_until_ctrl_c(result, part):
     code, page, err = result(part)
     assert code in (0, None, 130), err
@@ -105,9 +118,10 @@ def test_a_page_is_served_until_ctrl_c(result, part):
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize("system", ["win32", pytest.param("darwin", marks=pytest.mark.slow)])
-def test_a_world_is_felt_from_python(told, system, tmp_path):
-    there = told if system == "win32" else use(system, tmp_path, "servo")
+@pytest.mark.slow
+@pytest.mark.parametrize("system", ["win32", "darwin"])
+def test_a_world_is_felt_from_python(request, system, tmp_path):
+    there = request.getfixturevalue("told_at_night") if system == "win32" else use(system, tmp_path, "servo")
     assert "error" not in there["servo"], there["servo"]["error"]
     found = there["servo"]["result"]
     assert found["rows"] > 100
@@ -115,6 +129,7 @@ def test_a_world_is_felt_from_python(told, system, tmp_path):
     assert found["last"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_world_that_does_not_return_is_ended(result):
     code, _, err = result("hang")
     assert code == 2
