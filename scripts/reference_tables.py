@@ -26,7 +26,7 @@ from haptorb import worlds
 from haptorb.beams import MATERIALS
 from haptorb.cli.keys import FILES
 from haptorb.cli.program import app
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.schema import KeyText
 from haptorb.recording.row import RowLayout
 from haptorb.serve.foxglove import RowMessages

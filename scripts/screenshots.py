@@ -27,7 +27,7 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.web.console import Console
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from haptorb import RunConfig, Servo
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.serve.base import Serving, check_servers, hold_tool
 from haptorb.web.console import Console
 from haptorb.web.server import freeze_garbage

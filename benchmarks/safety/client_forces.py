@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Pose
 from haptorb.recording.row import RowLayout

@@ -42,7 +42,7 @@ from itertools import cycle, islice, pairwise
 from pathlib import Path
 from typing import Any
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.emulator_process import Emulator
 from haptorb.runtime.linux import start

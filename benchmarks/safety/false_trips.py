@@ -23,7 +23,7 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import ServoError
 from haptorb.runtime.black_box import TripRecord
 from haptorb.runtime.servo import Servo

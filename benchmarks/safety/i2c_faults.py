@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c import I2cDriver, Port

@@ -30,7 +30,7 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.runtime.servo import Servo
 from haptorb_study.database import database
 from haptorb_study.pages.session_manager import SessionManager

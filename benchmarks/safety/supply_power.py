@@ -27,7 +27,7 @@ from haptorb.control.allocation import Allocator, force_allocator, tool_choice, 
 from haptorb.control.array_allocation import array_choice
 from haptorb.control.guard import limit_currents
 from haptorb.control.protection import Protection
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import electromagnet

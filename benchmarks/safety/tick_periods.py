@@ -21,7 +21,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.control.linkage import make_linkage
 from haptorb.control.registry import make_allocator
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator

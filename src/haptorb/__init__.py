@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from haptorb.analysis.error_budget import ErrorSource
     from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
     from haptorb.cli.error_report import report_errors as inspect_errors
-    from haptorb.control.trips import CoilState
+    from haptorb.control.trip_reasons import CoilState
     from haptorb.devices.api import wrench_map
     from haptorb.devices.base import Device, State, WrenchMap
     from haptorb.devices.loader import load
@@ -97,7 +97,7 @@ _get, __dir__ = lazy_names(
         "haptorb.analysis.error_budget": "ErrorSource",
         "haptorb.analysis.stability": "GRIPS HandGrip SampledLoop",
         "haptorb.cli.error_report": "report_errors>inspect_errors",
-        "haptorb.control.trips": "CoilState",
+        "haptorb.control.trip_reasons": "CoilState",
         "haptorb.devices.api": "wrench_map",
         "haptorb.devices.base": "Device State WrenchMap",
         "haptorb.devices.loader": "load",

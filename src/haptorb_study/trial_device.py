@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.errors import InputError
 from haptorb.runtime.trackers.pose_filter import describe_trip

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from failures import FAILED
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.servo import Servo

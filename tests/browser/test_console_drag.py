@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from firmware.make_firmware import make_firmware
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.runtime.drivers.emulator_process import Emulator
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]

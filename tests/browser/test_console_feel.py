@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptorb.control.allocation import force_allocator
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.simulation.force_map import force_map

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from browser.screen_check import find_faults
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.servo import Servo
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]

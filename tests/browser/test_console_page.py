@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

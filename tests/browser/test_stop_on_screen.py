@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from browser.screen_check import find_faults
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime(retry=False)]
 

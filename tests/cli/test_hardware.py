@@ -12,7 +12,7 @@ import pytest
 from haptorb.arrays import Array
 from haptorb.cli import main
 from haptorb.cli.board_tools import chips_on, jog, line, monitor, probe
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.runtime.drivers.i2c import I2cDriver

@@ -17,7 +17,7 @@ import pytest
 
 from firmware.make_firmware import make_firmware
 from haptorb.arrays import Array
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.drivers.base import Driver

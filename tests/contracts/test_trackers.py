@@ -14,7 +14,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from trackers import SUBJECTS, FeedSubject, NatNet, Osc, Subject, natnet_frame
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptorb.control.allocation import LeastSquaresAllocator
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, HaptorbError
 from haptorb.recording.row import RowLayout

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from haptorb.control.protection import Protection
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Estimate

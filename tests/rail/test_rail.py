@@ -16,7 +16,7 @@ import haptorb
 from haptorb import Servo
 from haptorb.cli.cards import card
 from haptorb.control.linkage import Gains
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import DeviceKind, State, register
 from haptorb.devices.loader import parse
 from haptorb.errors import DeviceError, InputError, UnknownName

@@ -13,7 +13,7 @@ from haptorb.analysis.coupling import CouplingSetting
 from haptorb.analysis.stability import GRIPS
 from haptorb.arrays import Array
 from haptorb.control.linkage import Gains
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.estimation import network as network_file

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.recording.row import RowLayout
 from haptorb.runtime import servo as servo_module
 from haptorb.runtime.config import RunConfig

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptorb import Recording, Servo
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.recording.row import RowLayout
 from haptorb.replay.replay import Replay
 from haptorb.runtime.black_box import TICKS, BlackBox

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fuzz.loop_host import make_host
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName

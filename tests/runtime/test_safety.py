@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from haptorb import Recording
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb.runtime import linux
 from haptorb.runtime.process_group import ProcessGroup

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.errors import InputError, ServoError
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.report import loop_report

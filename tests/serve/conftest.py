@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.loader import load
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.loader import load
 from haptorb.errors import ServoError
 from haptorb.recording.row import RowLayout

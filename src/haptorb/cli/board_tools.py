@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import electromagnet
 from haptorb.errors import DriverError, InputError, UnknownName

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptorb.arrays import Array, Record, Records
 from haptorb.compiled import kernel
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 
 __all__ = ["RAMP_UP_S", "limit_client_rate", "note_uncommanded", "pass_over"]
 

@@ -14,7 +14,7 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, fields, state_zeros
 from haptorb.compiled import kernel
 from haptorb.control.client_force import RAMP_UP_S, limit_client_rate, note_uncommanded
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device
 
 __all__ = [

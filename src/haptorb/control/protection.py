@@ -28,7 +28,7 @@ from haptorb.control.guard import (
 )
 from haptorb.control.heat import observe_heat
 from haptorb.control.passivity import damp_wrench, restart_passivity
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device
 from haptorb.worlds.dynamic import make_client_force
 

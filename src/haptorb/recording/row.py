@@ -19,7 +19,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import DTypeLike
 
 from haptorb.arrays import Array, Records
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.devices.base import Device
 from haptorb.display import facts_html, format_number, format_quantity, format_vector
 from haptorb.errors import UnknownName

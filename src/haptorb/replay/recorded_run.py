@@ -11,7 +11,7 @@ import numpy as np
 
 from haptorb import worlds
 from haptorb.arrays import Array, Records
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device, DeviceText, State
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DriverError, HaptorbError, InputError, RecordingError

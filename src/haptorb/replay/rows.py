@@ -17,7 +17,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.cluster import count_cores
 from haptorb.control.linkage import MODES
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.errors import HaptorbError, RecordingError
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import STAGES, Field

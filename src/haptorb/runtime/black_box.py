@@ -15,7 +15,7 @@ from typing import Final, final
 import numpy as np
 
 from haptorb.arrays import Array, record
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.files import replace_file
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.arrays import Array, Records
 from haptorb.compiled import kernel
 from haptorb.control.linkage import MODES
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.black_box import StateKeeper
 from haptorb.runtime.clock import Clock

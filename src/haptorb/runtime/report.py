@@ -8,7 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.display import facts_html, format_quantity
 from haptorb.recording.row import STAGES
 from haptorb.runtime.shared_memory import CAPACITY, TRIPS, Histogram, SharedMemory, Word

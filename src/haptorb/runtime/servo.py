@@ -28,7 +28,7 @@ from haptorb.arrays import Array, check_finite
 from haptorb.cluster import pack
 from haptorb.control.linkage import MODES, Gains
 from haptorb.control.registry import describe_choice, make_choice
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device, State, own_implementations
 from haptorb.display import format_vector
 from haptorb.errors import InputError, RecordingError, ServoError, UnknownName, WorldError, quote

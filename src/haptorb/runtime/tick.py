@@ -22,7 +22,7 @@ from haptorb.control.allocation import PART_NUMBERS, Allocation, Allocator, Satu
 from haptorb.control.gripper import GripperGuard
 from haptorb.control.linkage import MODES, Direct, Linkage, Mode, RenderedWrench
 from haptorb.control.protection import Protection
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.devices.gripper import find_gripper
 from haptorb.errors import HaptorbError

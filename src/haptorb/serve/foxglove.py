@@ -49,7 +49,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from haptorb.arrays import Array
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.devices.base import Device
 from haptorb.devices.geometry import Ball, RoundPart, Spot
 from haptorb.recording.row import RowLayout

@@ -28,7 +28,7 @@ from websockets.protocol import OPEN
 from websockets.server import ServerProtocol
 
 from haptorb.arrays import record
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.sockets import STALL, StreamTimes
 from haptorb.serve.base import (

@@ -12,7 +12,7 @@ from time import monotonic
 from typing import Any, final
 
 from haptorb.arrays import record
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.serve.base import LATE, ServedDevice

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, final
 
 from haptorb.analysis.stability import GRIPS, SampledLoop
 from haptorb.control.linkage import MOTOR_GAINS
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, device_function, find_object_limits
 from haptorb.devices.coil_array import CoilArray

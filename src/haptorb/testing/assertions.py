@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.arrays import Array
 from haptorb.control.allocation import Saturation
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.errors import InputError, quote
 from haptorb.recording.recording import Recording

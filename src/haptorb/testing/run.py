@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device, State
 from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, WorldError

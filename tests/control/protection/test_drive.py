@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Estimate

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 
 from .protected import DT, FRESH, OMNI, PUSH, Loop, is_off, sample
 

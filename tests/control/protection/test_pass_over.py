@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from control.protection.protected import DT, FRESH, OMNI, Loop
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import WrenchMap
 from haptorb.worlds.dynamic import make_client_force
 

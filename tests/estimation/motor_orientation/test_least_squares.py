@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import haptorb
 from haptorb.control.protection import Protection
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import InputError
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation, nearest_branch, spin_period
 from haptorb.estimation.types import Pose, Sample

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.process_group import SignalStop
 from haptorb.runtime.servo import Servo

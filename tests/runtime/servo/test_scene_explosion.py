@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.servo import Servo
 from haptorb.worlds import Scene
 

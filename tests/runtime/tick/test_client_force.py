@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptorb.control.trips import GuardState
+from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.runtime.assembly import assemble

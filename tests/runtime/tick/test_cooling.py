@@ -7,7 +7,7 @@ import pytest
 
 from haptorb.control.linkage import make_linkage
 from haptorb.control.registry import make_allocator
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.runtime.drivers.sim import SimDriver

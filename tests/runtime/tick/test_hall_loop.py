@@ -8,7 +8,7 @@ import pytest
 from haptorb.cli.calibration_measurement import calibrate, make_driver
 from haptorb.control.protection import Protection
 from haptorb.control.registry import make_allocator
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, InputError, UnknownName
 from haptorb.estimation.hall_tracker import HallTracker

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.runtime.assembly import assemble

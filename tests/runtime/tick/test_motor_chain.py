@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.control.linkage import MOTOR_GAINS, make_linkage
 from haptorb.control.registry import make_allocator
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.registry import check_estimator, list_estimators, make_estimator

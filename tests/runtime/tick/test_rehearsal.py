@@ -10,7 +10,7 @@ import gc, sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from haptorb import worlds
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.errors import HaptorbError
 from haptorb.runtime import servo_process
 from haptorb.runtime.pointer import PointerTracker

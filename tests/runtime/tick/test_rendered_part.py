@@ -8,7 +8,7 @@ import pytest
 from haptorb import worlds
 from haptorb.control.allocation import Saturation
 from haptorb.control.registry import make_allocator, make_choice
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName

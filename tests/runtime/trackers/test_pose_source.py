@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.trackers.pose_filter import describe_missing_pose, describe_source, describe_trip
 
 SOURCES = {

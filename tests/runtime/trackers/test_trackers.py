@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.cli import main
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.errors import DriverError, InputError, RecordingError, UnknownName
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import WORDS, PoseBlock, PoseRecord

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.trackers.base import Feed, RawPose
 from haptorb.runtime.trackers.natnet import NatNetFeed
 from haptorb.runtime.trackers.osc import OscFeed

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from serve.native.conftest import ServedFile
 
 PREFACE = """

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.control.trips import GuardState, Trip
+from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import catalogue, load
 from haptorb.errors import InputError
 from haptorb.rotations import rotation_from_euler

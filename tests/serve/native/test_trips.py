@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.report import find_program, loop_report
 from haptorb.runtime.shared_memory import Word
 from haptorb.serve.base import SILENCE

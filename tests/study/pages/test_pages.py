@@ -18,7 +18,7 @@ from sqlalchemy import text
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb.web.server import PageAddress
 from haptorb_study.columns import read_replies, tidy

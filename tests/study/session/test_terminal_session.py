@@ -16,7 +16,7 @@ import pytest
 from sqlalchemy import text
 
 from haptorb import Recording
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
 from haptorb_study.keyboard import END, Keys

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.control.trips import CoilState, GuardState, Trip
+from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName

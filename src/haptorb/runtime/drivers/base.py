@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.arrays import Array, vectors
 from haptorb.compiled import kernel
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample

@@ -17,7 +17,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.cluster import python_command
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError
 from haptorb.estimation.types import Pose, Sample

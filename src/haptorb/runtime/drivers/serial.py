@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from haptorb.arrays import Array, Records
 from haptorb.compiled import kernel
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HostSilent, InputError
 from haptorb.estimation.types import Pose, Sample

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.guard import silence_of
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample

@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.trips import Trip
+from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.shared_memory import PoseBlock, PoseRecord
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.registry import has_feed

@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c import I2cDriver

@@ -15,7 +15,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from pretend_board import PretendBoard
 
-from haptorb.control.trips import CoilState
+from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
 from haptorb.runtime.drivers.serial import SerialDriver

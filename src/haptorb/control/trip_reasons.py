@@ -1,4 +1,4 @@
-"""Trip reasons: each has a code for recordings, a sentence, and the user's remedy."""
+"""Trip reasons, each with a code for recordings, a sentence and the remedy; states of guard and coils."""
 
 from __future__ import annotations
 
