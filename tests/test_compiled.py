@@ -77,7 +77,7 @@ print(double.double(1.0))
         assert done.stdout.strip() == expected
 
 
-@pytest.mark.parametrize("room", ["tick", "drivers", "loop", "tracker_process"])
+@pytest.mark.parametrize("room", ["tick", "drivers", "loop", "trackers.tracker_process"])
 def test_what_runs_beside_a_clock_has_the_compiler_loaded(room: str) -> None:
     assert output_of(f"import sys, haptorb.runtime.{room}; print('numba' in sys.modules)") == "True"
 

@@ -101,7 +101,7 @@ def read_stream(port: int, seconds: float) -> dict[str, Any]:
     """Read the stream of rows: how many came, how many are missing, how old they are."""
     import pylsl
 
-    from haptorb.runtime.trackers.lsl import THIS_COMPUTER
+    from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER
 
     pylsl.set_config_content(THIS_COMPUTER)
     inlet = pylsl.StreamInlet(pylsl.resolve_byprop("name", "haptorb-rows", timeout=5.0)[0])

@@ -58,7 +58,7 @@ BOARDS = ("sim", "emulated")
 MODULES = {
     "server": "haptorb.serve.server_process",
     "recorder": "haptorb.runtime.recorder_process",
-    "tracker": "haptorb.runtime.tracker_process",
+    "tracker": "haptorb.runtime.trackers.tracker_process",
     "compiler": "haptorb.runtime.first_start",
 }
 START = 90.0  #: for a program to have its coils on, on a busy computer [s]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from haptorb.errors import InputError
-from haptorb.runtime.trackers.lsl import THIS_COMPUTER
+from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER
 
 if TYPE_CHECKING:
     import pylsl

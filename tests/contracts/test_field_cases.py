@@ -15,7 +15,7 @@ from fuzz.hostile_files import Kind, kinds
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, HaptorbError
 from haptorb.runtime.trackers.formats import parse_format, split_format
-from haptorb.runtime.trackers.osc import OscFeed, osc_socket
+from haptorb.runtime.trackers.osc_feed import OscFeed, osc_socket
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.worlds.scene import parse_scene_file
 from oracles.command import run_command

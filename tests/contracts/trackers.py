@@ -101,7 +101,7 @@ class Osc(FeedSubject):
     def __init__(self, tmp_path: Path, token: str = "") -> None:
         from pythonosc.osc_message_builder import OscMessageBuilder
 
-        from haptorb.runtime.trackers.osc import OscFeed
+        from haptorb.runtime.trackers.osc_feed import OscFeed
 
         self._builder = OscMessageBuilder
         receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -136,7 +136,7 @@ class Lsl(FeedSubject):
     """A stream of the lab streaming layer, from this very process."""
 
     def __init__(self, tmp_path: Path, channels: int = 8) -> None:
-        from haptorb.runtime.trackers.lsl import LslFeed, _library
+        from haptorb.runtime.trackers.lsl_feed import LslFeed, _library
 
         pylsl = _library()
         name = f"haptorb-test-{time.monotonic_ns()}"
@@ -176,7 +176,7 @@ class NatNet(FeedSubject):
     def __init__(self, tmp_path: Path) -> None:
         import threading
 
-        from haptorb.runtime.trackers.natnet import NatNetFeed, natnet_socket
+        from haptorb.runtime.trackers.natnet_feed import NatNetFeed, natnet_socket
 
         self._server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._server.bind(("127.0.0.1", 0))

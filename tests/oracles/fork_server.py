@@ -26,7 +26,7 @@ from importlib import import_module
 from typing import Any, final
 
 PACKAGE = "haptorb"
-PROCESSES = tuple(f"{PACKAGE}.runtime.{name}_process" for name in ("servo", "recorder", "tracker"))
+PROCESSES = tuple(f"{PACKAGE}.runtime.{name}_process" for name in ("servo", "recorder", "trackers.tracker"))
 DEVICES = ("omni", "pmsm")
 _PR_SET_CHILD_SUBREAPER = 36
 _FREE = 1000  #: above all numbers of descriptors that a process is to have

@@ -13,7 +13,7 @@ import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 from websockets.sync.client import connect
 
-from haptorb.runtime.trackers.osc import OscFeed
+from haptorb.runtime.trackers.osc_feed import OscFeed
 from haptorb.serve import foxglove
 from haptorb.serve.osc import OscSession
 from haptorb.worlds import Dome, Remote

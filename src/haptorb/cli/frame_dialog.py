@@ -20,7 +20,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError
 from haptorb.estimation.frame_registration import FrameRegistration, Touches, TouchSession, frame_registration
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
-from haptorb.runtime.trackers.osc import POSE
+from haptorb.runtime.trackers.osc_feed import POSE
 from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker
 
 __all__ = [

@@ -303,7 +303,7 @@ class ProcessGroup:
         descriptor = tracker.descriptor if tracker.descriptor >= 0 else None
         # safety: secret-by-pipe
         self._tracker = start_module(
-            "haptorb.runtime.tracker_process",
+            "haptorb.runtime.trackers.tracker_process",
             errors=self._errors, stdin=subprocess.PIPE, descriptor=descriptor, isolated=True,
         )  # fmt: skip
         assert self._tracker.stdin is not None

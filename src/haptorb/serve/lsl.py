@@ -13,7 +13,7 @@ from haptorb.arrays import Array
 from haptorb.errors import InputError
 from haptorb.recording.export import column_names, units_of
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.trackers.lsl import THIS_COMPUTER
+from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER
 from haptorb.serve.base import ServedDevice, ServerPreparation
 
 __all__ = [

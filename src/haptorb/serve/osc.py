@@ -23,7 +23,7 @@ from haptorb.errors import InputError, UnknownName, quote
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
-from haptorb.runtime.trackers.osc import read_packet
+from haptorb.runtime.trackers.osc_feed import read_packet
 from haptorb.serve.base import (
     KINDS,
     LATE,

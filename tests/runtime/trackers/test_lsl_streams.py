@@ -11,7 +11,7 @@ import pytest
 
 from haptorb.errors import DriverError
 from haptorb.runtime.trackers.base import RawPose
-from haptorb.runtime.trackers.lsl import THIS_COMPUTER, LslFeed, lsl_stream
+from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER, LslFeed, lsl_stream
 
 SENDER = f"""
 import sys, time

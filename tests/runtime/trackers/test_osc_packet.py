@@ -11,7 +11,7 @@ from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.errors import InputError
-from haptorb.runtime.trackers.osc import read_packet
+from haptorb.runtime.trackers.osc_feed import read_packet
 
 
 def make_message(address: str, *values: object):

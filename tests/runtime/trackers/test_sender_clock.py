@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.runtime.shared_memory import WORDS, PoseBlock
-from haptorb.runtime.trackers import lsl
+from haptorb.runtime.trackers import lsl_feed
 from haptorb.runtime.trackers.base import RawPose
-from haptorb.runtime.trackers.osc import OscFeed
+from haptorb.runtime.trackers.osc_feed import OscFeed
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.sender_clock import SenderClock
 
@@ -101,10 +101,10 @@ def test_a_pose_that_is_sent_twice_leaves_the_clock_as_it_is() -> None:
 def test_a_stream_on_another_clock_is_compared_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
     inlet = SimpleNamespace(samples=[], close_stream=lambda: None)
     inlet.pull_sample = lambda timeout: inlet.samples.pop(0) if inlet.samples else (None, None)
-    monkeypatch.setattr(lsl, "lsl_stream", lambda name: None)
-    monkeypatch.setattr(lsl, "_open_inlet", lambda stream: inlet)
-    monkeypatch.setattr(lsl, "StreamWatch", lambda name: SimpleNamespace(poll=list))
-    feed = lsl.LslFeed("poses")
+    monkeypatch.setattr(lsl_feed, "lsl_stream", lambda name: None)
+    monkeypatch.setattr(lsl_feed, "_open_inlet", lambda stream: inlet)
+    monkeypatch.setattr(lsl_feed, "StreamWatch", lambda name: SimpleNamespace(poll=list))
+    feed = lsl_feed.LslFeed("poses")
     for offset, said in ((0.0, ""), (-2400.0, "2400.0 s")):
         inlet.samples.append(([0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0], monotonic() + offset))
         (one,) = feed.receive(0.0)

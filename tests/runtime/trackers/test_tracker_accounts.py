@@ -63,7 +63,7 @@ def _pose(token):
 
 @needs_root
 def test_who_takes_the_port_of_a_natnet_server_says_nothing():
-    from haptorb.runtime.trackers.natnet import NatNetFeed
+    from haptorb.runtime.trackers.natnet_feed import NatNetFeed
 
     server, own = open_port(), open_port()
     own.connect(server.getsockname())
@@ -95,7 +95,7 @@ def test_who_takes_the_port_of_a_natnet_server_says_nothing():
 def test_a_stream_of_another_account_is_not_used():
     import pylsl
 
-    from haptorb.runtime.trackers.lsl import THIS_COMPUTER, lsl_stream
+    from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER, lsl_stream
 
     name = f"poses-{time.monotonic_ns()}"
     pylsl.set_config_content(THIS_COMPUTER)

@@ -28,7 +28,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import WORDS, PoseBlock, PoseRecord
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.feed_tracker import FeedTracker, check_prediction
-from haptorb.runtime.trackers.osc import OscFeed
+from haptorb.runtime.trackers.osc_feed import OscFeed
 from haptorb.runtime.trackers.pose_filter import REASONS, PoseFilter, describe_missing_pose, describe_trip
 from haptorb.runtime.trackers.registry import TOKEN, check_tracker, prepare_tracker
 from haptorb.runtime.trackers.replay import load_poses
@@ -143,7 +143,7 @@ def test_what_is_not_there_is_told_before_anything_starts(tmp_path: Path) -> Non
 
 
 def test_a_stream_that_is_not_there_is_told() -> None:
-    from haptorb.runtime.trackers.lsl import lsl_stream
+    from haptorb.runtime.trackers.lsl_feed import lsl_stream
 
     with pytest.raises(DriverError, match=r"no stream 'nobody'.*start its program"):
         lsl_stream("nobody", 0.3)
@@ -349,7 +349,7 @@ def test_frames_of_natnet_that_are_cut_or_flipped_are_garbage() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2] / "contracts"))
     from trackers import natnet_frame
 
-    from haptorb.runtime.trackers.natnet import NatNetFeed
+    from haptorb.runtime.trackers.natnet_feed import NatNetFeed
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
         one = NatNetFeed(nobody, (3, 1), 7)

@@ -14,8 +14,8 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.trackers.base import Feed, RawPose
-from haptorb.runtime.trackers.natnet import NatNetFeed
-from haptorb.runtime.trackers.osc import OscFeed
+from haptorb.runtime.trackers.natnet_feed import NatNetFeed
+from haptorb.runtime.trackers.osc_feed import OscFeed
 from haptorb.runtime.trackers.pose_filter import PoseFilter, describe_missing_pose, describe_trip
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "contracts"))

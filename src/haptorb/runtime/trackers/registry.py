@@ -157,17 +157,17 @@ def _open_feed(spec: dict[str, Any], descriptor: int, origin: Callable[[], float
     match spec["kind"]:
         case "osc":
             from haptorb.runtime.trackers.formats import PoseFormat, make_reader
-            from haptorb.runtime.trackers.osc import OscFeed
+            from haptorb.runtime.trackers.osc_feed import OscFeed
 
             layout = spec.get("format")
             reader = make_reader(PoseFormat.of(layout)) if layout else None
             return OscFeed(socket.socket(fileno=descriptor), spec["token"], reader)
         case "lsl":
-            from haptorb.runtime.trackers.lsl import LslFeed
+            from haptorb.runtime.trackers.lsl_feed import LslFeed
 
             return LslFeed(spec["name"])
         case "natnet":
-            from haptorb.runtime.trackers.natnet import NatNetFeed
+            from haptorb.runtime.trackers.natnet_feed import NatNetFeed
 
             return NatNetFeed(socket.socket(fileno=descriptor), tuple(spec["version"]), spec["body"])
         case _:
@@ -202,7 +202,7 @@ class _Osc(Preparation):
         self._port = _port(port, "osc:PORT or osc:HOST:PORT")
 
     def make_ready(self) -> None:
-        from haptorb.runtime.trackers.osc import loopback, osc_socket
+        from haptorb.runtime.trackers.osc_feed import loopback, osc_socket
 
         if not loopback(self._host):
             self.token = os.environ.get(TOKEN, "") or secrets.token_urlsafe(_MIN_TOKEN_LENGTH)
@@ -220,7 +220,7 @@ class _Lsl(Preparation):
             raise InputError("tracker must be lsl:NAME with the name of a stream; got none")
 
     def make_ready(self) -> None:
-        from haptorb.runtime.trackers.lsl import lsl_stream
+        from haptorb.runtime.trackers.lsl_feed import lsl_stream
 
         lsl_stream(self._name)
         self.spec = {"kind": "lsl", "name": self._name}
@@ -254,7 +254,7 @@ class _NatNet(Preparation):
         self._body = int(body or 0)
 
     def make_ready(self) -> None:
-        from haptorb.runtime.trackers.natnet import PORT, natnet_socket
+        from haptorb.runtime.trackers.natnet_feed import PORT, natnet_socket
 
         connected, version = natnet_socket(self._host, self._port or PORT)
         self.descriptor = connected.detach()

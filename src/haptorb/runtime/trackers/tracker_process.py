@@ -1,4 +1,4 @@
-"""Tracker process, which receives a tracker's poses: `python -m haptorb.runtime.tracker_process`.
+"""Tracker process, which receives a tracker's poses: `python -m haptorb.runtime.trackers.tracker_process`.
 
 Its specification comes as JSON on its standard input, because every account can read the arguments of a process, and
 the specification contains a token.
