@@ -28,7 +28,7 @@ from haptorb.analysis.error_sources import (
 from haptorb.arrays import Array
 from haptorb.control.allocation import force_allocator
 from haptorb.devices.base import State, rotation_to_axis
-from haptorb.devices.core_dynamics import CoreDynamics
+from haptorb.devices.core_parameters import CoreDynamics
 from haptorb.devices.electromagnet import (
     COILS_AS_POINTS,
     FORCE_JND,

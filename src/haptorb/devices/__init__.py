@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from haptorb.devices.base import DeviceKind
     from haptorb.devices.base import register as register_kind
     from haptorb.devices.coil_array import CoilArray
-    from haptorb.devices.core_dynamics import fit_eddy_lag
+    from haptorb.devices.core_parameters import fit_eddy_lag
     from haptorb.devices.electromagnet import ShellCapability, SphericalElectromagnet, shell_capability
     from haptorb.devices.geometry import Geometry
     from haptorb.devices.loader import parse as parse_device
@@ -37,7 +37,7 @@ __getattr__, __dir__ = lazy_names(
         "haptorb.devices.base": "DeviceKind register>register_kind",
         "haptorb.devices.coil_array": "CoilArray",
         "haptorb.devices.electromagnet": "ShellCapability SphericalElectromagnet shell_capability",
-        "haptorb.devices.core_dynamics": "fit_eddy_lag",
+        "haptorb.devices.core_parameters": "fit_eddy_lag",
         "haptorb.devices.geometry": "Geometry",
         "haptorb.devices.loader": "parse>parse_device",
         "haptorb.devices.motor": "SphericalMotor",

@@ -25,7 +25,7 @@ from haptorb.devices.base import (
     rotation_to_axis,
 )
 from haptorb.devices.build_checks import CERTAIN, BuildCheck, check_wire, compare_fill
-from haptorb.devices.core_dynamics import CoreDynamics
+from haptorb.devices.core_parameters import CoreDynamics
 from haptorb.devices.electromagnet_wrench_map import (
     PassivePull,
     Windings,

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.build_checks import refuse_unbuildable
-from haptorb.devices.core_dynamics import CoreDynamics
+from haptorb.devices.core_parameters import CoreDynamics
 from haptorb.devices.electromagnet import (
     CORE_SATURATION,
     DomeContact,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptorb.arrays import Array, check_finite
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.core_dynamics import CoreDynamics
+from haptorb.devices.core_parameters import CoreDynamics
 from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
 from haptorb.devices.field_sensors import FieldSensors, SensorCorrection, SensorErrors
 from haptorb.errors import CalibrationError, quote

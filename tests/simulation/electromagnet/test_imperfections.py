@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from haptorb.devices.core_dynamics import CoreDynamics, fit_eddy_lag, sphere_response
+from haptorb.devices.core_parameters import CoreDynamics, fit_eddy_lag, sphere_response
 from haptorb.devices.field_sensors import SensorErrors, draw_sensors
 from haptorb.devices.loader import load
 from haptorb.errors import InputError

@@ -1,4 +1,4 @@
-"""Response of the soft core to changing currents: eddy currents that delay its moment, and remanence.
+"""Parameters of the soft core's response to changing currents: eddy currents that delay its moment, and remanence.
 
 The core answers the coils with a share of the whole moment. Eddy currents in it delay a part of that answer; for a
 sphere of conductivity σ and relative permeability µ in a uniform field the exact answer is
