@@ -26,20 +26,16 @@ from haptorb.simulation.built_array import (
     fill_array_truth,
     make_array_truth,
 )
-from haptorb.simulation.parts import (
+from haptorb.simulation.parts import coil_step, cold_coils, find_share, is_elsewhere, seed_noise
+from haptorb.simulation.tool_dynamics import (
     TOOL,
-    coil_step,
-    cold_coils,
     contact,
     fill_remaining_rotation,
     fill_tool,
-    find_share,
-    is_elsewhere,
     matrix,
     move,
     plate_contact,
     read_tool,
-    seed_noise,
     set_goal,
 )
 

@@ -33,23 +33,25 @@ from haptorb.simulation.built_electromagnet import (
 )
 from haptorb.simulation.magnetic_core import CORE, core_step, make_core
 from haptorb.simulation.parts import (
-    TOOL,
     cold_coils,
-    contact,
     fill_normal,
-    fill_remaining_rotation,
-    fill_tool,
     find_share,
     is_elsewhere,
     let_fail,
     make_halls,
-    matrix,
-    move,
     network_coil_step,
     quantise,
     read_halls,
-    read_tool,
     seed_noise,
+)
+from haptorb.simulation.tool_dynamics import (
+    TOOL,
+    contact,
+    fill_remaining_rotation,
+    fill_tool,
+    matrix,
+    move,
+    read_tool,
     set_goal,
 )
 from haptorb.thermal import ThermalNetwork

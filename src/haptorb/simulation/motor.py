@@ -40,14 +40,13 @@ from haptorb.simulation.parts import (
     coil_step,
     cold_coils,
     fill_normal,
-    fill_remaining_rotation,
     let_fail,
     make_halls,
-    matrix,
     quantise,
     read_halls,
     seed_noise,
 )
+from haptorb.simulation.tool_dynamics import fill_remaining_rotation, matrix
 
 __all__ = [
     "MOTOR",

@@ -26,7 +26,7 @@ from haptorb.arrays import Array
 from haptorb.control.allocation import tool_choice
 from haptorb.devices.base import State
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.simulation.parts import GRAVITY
+from haptorb.simulation.tool_dynamics import GRAVITY
 from haptorb.worlds.base import World, WrenchPart
 from haptorb.worlds.dome import Dome
 from haptorb_study.prompts import Answer, Prompt
