@@ -30,7 +30,7 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
-from haptorb.simulation.hand import HandleMotion
+from haptorb.simulation.hand_motion import HandleMotion
 
 DT = 1e-3
 LIMIT = 0.050  #: to the trip [s]

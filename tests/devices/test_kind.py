@@ -24,7 +24,7 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor, motor
 from haptorb.errors import InputError
 from haptorb.estimation.registry import list_estimators
-from haptorb.simulation.hand import guide_hand
+from haptorb.simulation.hand_motion import guide_hand
 from haptorb.simulation.registry import simulate
 from haptorb.web.session import describe_scene
 

@@ -12,7 +12,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.hand_file import choose_hand, parse_script, parse_table, read_hand
 from haptorb.runtime.servo import Servo
-from haptorb.simulation.hand import ScriptedMotion
+from haptorb.simulation.hand_motion import ScriptedMotion
 from oracles.recorded_chain import record_chain
 
 OMNI, MOTOR = load("omni"), load("pmsm")

@@ -26,7 +26,7 @@ from haptorb.runtime.drivers.i2c_chips import HallSelect, I2cBus, Pca9685, bus_l
 from haptorb.runtime.drivers.serial import Board, port_list
 from haptorb.runtime.drivers.serial_protocol import missing_chips
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.hand import lead_tool
+from haptorb.simulation.hand_motion import lead_tool
 
 __all__ = [
     "GENTLE_CURRENT",

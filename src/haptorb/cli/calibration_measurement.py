@@ -340,7 +340,7 @@ def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> Non
     """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; with a real
     device the user does."""
     from haptorb.runtime.drivers.sim import SimDriver
-    from haptorb.simulation.hand import lead_tool
+    from haptorb.simulation.hand_motion import lead_tool
 
     if isinstance(driver, SimDriver):
         if hand == "led":

@@ -13,7 +13,7 @@ from haptorb.runtime.drivers.registry import check_driver, real_driver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Tracker
-from haptorb.simulation.hand import guide_hand
+from haptorb.simulation.hand_motion import guide_hand
 
 __all__ = ["assemble", "make_tick"]
 

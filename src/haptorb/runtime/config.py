@@ -31,7 +31,7 @@ from haptorb.runtime.hand_file import choose_hand
 from haptorb.runtime.trackers.feed_tracker import PREDICTION, check_prediction
 from haptorb.runtime.trackers.registry import check_frame, check_tracker, has_feed
 from haptorb.runtime.world_change import description, name_of
-from haptorb.simulation.hand import ScriptedMotion
+from haptorb.simulation.hand_motion import ScriptedMotion
 from haptorb.worlds.base import World, WrenchPart, check_part
 from haptorb.worlds.dynamic import check_world_period
 from haptorb.worlds.scene import SceneFile

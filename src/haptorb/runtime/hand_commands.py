@@ -17,7 +17,7 @@ from haptorb.errors import InputError
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import raise_priority
 from haptorb.runtime.shared_memory import SharedMemory
-from haptorb.simulation.hand import HandPose, PathFunction, SampledPath, check_pose, split_pose
+from haptorb.simulation.hand_motion import HandPose, PathFunction, SampledPath, check_pose, split_pose
 
 __all__ = ["HandCommands", "PoseRepeater"]
 

@@ -41,7 +41,7 @@ from haptorb.files import open_regular, read_text
 from haptorb.recording.recording import Recording
 from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.trackers.registry import has_feed
-from haptorb.simulation.hand import SampledPath, ScriptedMotion, handle_quaternions, upright_quaternions
+from haptorb.simulation.hand_motion import SampledPath, ScriptedMotion, handle_quaternions, upright_quaternions
 
 __all__ = ["LONGEST", "choose_hand", "parse_script", "parse_table", "read_hand"]
 

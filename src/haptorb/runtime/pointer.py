@@ -11,7 +11,7 @@ from haptorb.arrays import Array
 from haptorb.estimation.types import Pose
 from haptorb.runtime.shared_memory import HandSignals, PointerSource
 from haptorb.runtime.trackers.base import Goal, Tracker
-from haptorb.simulation.hand import DomeMotion, GuidedMotion, ScriptedMotion
+from haptorb.simulation.hand_motion import DomeMotion, GuidedMotion, ScriptedMotion
 
 __all__ = ["PointerPose", "PointerTracker"]
 

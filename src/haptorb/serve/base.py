@@ -33,7 +33,7 @@ from haptorb.runtime.prestart import start_module
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import BUTTONS, Phase, SharedMemory, TextSlot, Word
 from haptorb.runtime.world_output import show
-from haptorb.simulation.hand import SampledPath, ScriptedMotion
+from haptorb.simulation.hand_motion import SampledPath, ScriptedMotion
 from haptorb.version import __version__
 from haptorb.web.access import LOOPBACK
 from haptorb.worlds import Remote

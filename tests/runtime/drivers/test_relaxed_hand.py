@@ -8,7 +8,7 @@ from haptorb.devices.loader import load
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.simulation.hand import RelaxedHand
+from haptorb.simulation.hand_motion import RelaxedHand
 
 REST = np.array([0.03, 0.0, 0.04, 0.0, 0.0, 0.0, 1.0])
 PULL = np.array([0.0, 0.004, 0.0])

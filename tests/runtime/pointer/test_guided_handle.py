@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import PointerSource, PointerState
-from haptorb.simulation.hand import HandleMotion, handle_quaternion
+from haptorb.simulation.hand_motion import HandleMotion, handle_quaternion
 
 
 def test_the_quaternion_is_that_of_tilt_then_spin():

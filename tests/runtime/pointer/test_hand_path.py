@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import InputError
-from haptorb.simulation.hand import SampledPath, check_pose, split_pose
+from haptorb.simulation.hand_motion import SampledPath, check_pose, split_pose
 
 TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
 

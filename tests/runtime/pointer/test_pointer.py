@@ -14,7 +14,7 @@ from haptorb.arrays import Array
 from haptorb.devices.base import rotation_to_axis
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import BINS, Histogram, PointerSource, PointerState
-from haptorb.simulation.hand import DURATION, position_on_path, upright_quaternion
+from haptorb.simulation.hand_motion import DURATION, position_on_path, upright_quaternion
 
 Z = np.array([0.0, 0.0, 1.0])
 

@@ -13,7 +13,7 @@ from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
-from haptorb.simulation.hand import guide_hand
+from haptorb.simulation.hand_motion import guide_hand
 from haptorb.worlds import find_world
 
 DT = 1e-3

@@ -19,7 +19,7 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
-from haptorb.simulation.hand import handle_quaternion
+from haptorb.simulation.hand_motion import handle_quaternion
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds import Nothing, Outlet, SnapFit
 

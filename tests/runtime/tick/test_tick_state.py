@@ -25,7 +25,7 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import split_snapshot
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_state import TickState, load_state, save_state
-from haptorb.simulation.hand import guide_hand
+from haptorb.simulation.hand_motion import guide_hand
 from haptorb.worlds import RollingBall, World, find_world
 from runtime.tick.memory_differences import list_differences
 

@@ -16,7 +16,7 @@ from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.recording.row import RowLayout
-from haptorb.simulation.hand import upright_quaternion
+from haptorb.simulation.hand_motion import upright_quaternion
 from haptorb.worlds import World, find_world
 from haptorb.worlds.base import values as parameter_values
 

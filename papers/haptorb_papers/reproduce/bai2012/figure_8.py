@@ -28,7 +28,7 @@ from haptorb.recording.row import RowLayout
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.trackers.base import Goal
-from haptorb.simulation.hand import handle_quaternion
+from haptorb.simulation.hand_motion import handle_quaternion
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds.snap_fit import PublishedOutlet
 from haptorb_papers.reproduce.hook_quadrature import compute_pull_stiffness

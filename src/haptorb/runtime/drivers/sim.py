@@ -19,7 +19,7 @@ from haptorb.estimation.types import Pose, Sample
 from haptorb.rotations import quaternion
 from haptorb.runtime.drivers.base import Driver
 from haptorb.simulation.base import Simulation
-from haptorb.simulation.hand import RelaxedHand
+from haptorb.simulation.hand_motion import RelaxedHand
 from haptorb.simulation.registry import simulate
 
 __all__ = ["HandTarget", "ImperfectTracker", "PoseDistortion", "SimDriver"]
