@@ -3,7 +3,7 @@
     python benchmarks/built_devices.py [--devices 1000] [--seed 1000] [--asked 0.15] [--all-steps] [--json]
 
 Each device is a member of the family that [tolerance] and [uncertainty] of the file describe: other windings, coils and
-core off their places, another core, another magnet, in the earth's field (`haptorb.simulation.built_electromagnet`).
+core off their places, another core, another magnet, in the earth's field (`haptorb.simulation.electromagnet_specimen`).
 `haptorb calibrate` finds its moments with its own sensors, which are wrong, too. Then forces in any direction are asked
 for anywhere in the shell, where the tool is known to be; what comes is computed by filaments. With `--all-steps` the
 field sensors are calibrated as well, half a minute for each device.
@@ -26,14 +26,14 @@ from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.simulation.built_electromagnet import BuiltElectromagnet, fill_truth
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.electromagnet_specimen import ElectromagnetSpecimen, fill_truth
 
 PLACES = 12  #: for each device
 
 
 def find_errors(
-    believed: SphericalElectromagnet, built: BuiltElectromagnet, asked: float, rng: np.random.Generator
+    believed: SphericalElectromagnet, built: ElectromagnetSpecimen, asked: float, rng: np.random.Generator
 ) -> Array:
     """(n,) size of the difference between the force of `built` and the one asked for, relative to it."""
     allocator, truth = force_allocator(believed), built.compute_map(believed.dome_radius)

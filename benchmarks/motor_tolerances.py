@@ -28,7 +28,7 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.uncertainty import MotorTolerance
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.types import Pose, Sample
-from haptorb.simulation.built_motor import MotorTruth, draw_motor, fill_field, fill_torque
+from haptorb.simulation.motor_specimen import MotorTruth, draw_motor, fill_field, fill_torque
 
 #: key of [tolerance] or [sensors], and the budget's row for it
 ROWS = {

@@ -29,19 +29,19 @@ _Z1, _Z3 = "zarate2020 equations 1 and 2", "zarate2020 equations 3 to 6"
 _Z2F, _Z3F, _HW, _P = "zarate2020 figure 2", "zarate2020 figure 3", "zarate2020 hardware", "zarate2020 forces"
 _TOOL = "devices/electromagnet_wrench_map.py"
 _CLUTCH, _DOME = "control/linkage.py", "worlds/dome.py"
-_BUILT = "simulation/built_electromagnet.py"
+_SPECIMEN = "simulation/electromagnet_specimen.py"
 
 # No printed number stands on coils of true size: tests that compute the same in another way do.
-_MADE = "tests/simulation/electromagnet/test_built.py::"
-_DRAWN = f"{_MADE}test_what_a_drawn_one_does_is_what_loops_and_charges_in_its_core_do"
-_FILE = f"{_MADE}test_without_tolerances_it_is_the_file"
+_SPECIMEN_TESTS = "tests/simulation/electromagnet/test_electromagnet_specimen.py::"
+_DRAWN = f"{_SPECIMEN_TESTS}test_what_a_drawn_one_does_is_what_loops_and_charges_in_its_core_do"
+_FILE = f"{_SPECIMEN_TESTS}test_without_tolerances_it_is_the_file"
 _WOUND = "tests/devices/electromagnet/test_wound_map.py::test_the_wrench_of_windings_core_and_ring"
 _SENSORS = "tests/devices/electromagnet/test_wound_map.py::test_the_field_at_the_sensors_and_within_the_dome"
 _ANSWER = "tests/magnetics/test_sphere_answer.py::test_the_answer_to_a_coil_is_that_to_its_charges"
 _PULL = "tests/magnetics/test_sphere_answer.py::test_the_pull_on_charges_is_that_of_all_pairs"
-_OVAL = f"{_MADE}test_an_ellipsoid_pulls_the_magnet_otherwise_than_a_ball"
-_STEEL = f"{_MADE}test_a_steel_ball_far_away_pulls_as_a_ball_does"
-_EARTH = f"{_MADE}test_the_earths_field_turns_the_tool_and_offsets_the_sensors"
+_OVAL = f"{_SPECIMEN_TESTS}test_an_ellipsoid_pulls_the_magnet_otherwise_than_a_ball"
+_STEEL = f"{_SPECIMEN_TESTS}test_a_steel_ball_far_away_pulls_as_a_ball_does"
+_EARTH = f"{_SPECIMEN_TESTS}test_the_earths_field_turns_the_tool_and_offsets_the_sensors"
 _OUTLET, _PUBLISHED = "worlds/snap_fit.py", "worlds/snap_fit.py"
 
 MUTATIONS = (
@@ -113,13 +113,13 @@ MUTATIONS = (
     Mutation("magnetics/coil.py", "coil_and_core", "return", 1.1, (_SENSORS,)),
     Mutation("magnetics/soft_sphere.py", "answer_to_source", "c", 1.1, (_ANSWER, _DRAWN)),
     Mutation("magnetics/soft_sphere.py", "weigh_charges", "both", 1.1, (_PULL, _DRAWN)),
-    Mutation(_BUILT, "_add_loops", "q", 1.1, (_DRAWN,)),
-    Mutation(_BUILT, "_add_loops", "out[4, j]", -1, (_DRAWN,)),
-    Mutation(_BUILT, "fill_truth", "passive[i]", 1.1, (_DRAWN,)),
-    Mutation(_BUILT, "fill_truth", "out[i, j]", 1.1, (_STEEL,)),
-    Mutation(_BUILT, "fill_truth", "passive[3 + i]", -1, (_EARTH,)),
-    Mutation(_BUILT, "BuiltElectromagnet.compute_stretch", "share[i]", 1.1, (_OVAL,)),
-    Mutation(_BUILT, "_scale_to_moments", "found#1", 1.1, (_FILE,)),
+    Mutation(_SPECIMEN, "_add_loops", "q", 1.1, (_DRAWN,)),
+    Mutation(_SPECIMEN, "_add_loops", "out[4, j]", -1, (_DRAWN,)),
+    Mutation(_SPECIMEN, "fill_truth", "passive[i]", 1.1, (_DRAWN,)),
+    Mutation(_SPECIMEN, "fill_truth", "out[i, j]", 1.1, (_STEEL,)),
+    Mutation(_SPECIMEN, "fill_truth", "passive[3 + i]", -1, (_EARTH,)),
+    Mutation(_SPECIMEN, "ElectromagnetSpecimen.compute_stretch", "share[i]", 1.1, (_OVAL,)),
+    Mutation(_SPECIMEN, "_scale_to_moments", "found#1", 1.1, (_FILE,)),
     Mutation("worlds/dome.py", "_push", "radial", 1.1, (_Z2F, _Z3F)),
     Mutation("worlds/dome.py", "_push", "radial", -1, (_Z2F, _Z3F)),
     Mutation("worlds/dome.py", "_push", "fallen", 1.1, (_Z3F,)),

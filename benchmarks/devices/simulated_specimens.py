@@ -27,10 +27,10 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.trackers.base import Goal
-from haptorb.simulation import built_motor
-from haptorb.simulation.built_array import draw_coils, draw_strength, fill_array_truth, make_array_truth
-from haptorb.simulation.built_electromagnet import draw_electromagnet, fill_truth
-from haptorb.simulation.built_motor import draw_motor, fill_field, fill_torque
+from haptorb.simulation import motor_specimen
+from haptorb.simulation.coil_array_specimen import draw_coils, draw_strength, fill_array_truth, make_array_truth
+from haptorb.simulation.electromagnet_specimen import draw_electromagnet, fill_truth
+from haptorb.simulation.motor_specimen import draw_motor, fill_field, fill_torque
 from haptorb.simulation.registry import simulate
 
 TICKS = 2000
@@ -148,7 +148,7 @@ def measure(name: str, specimens: int, poses: int, rate: float) -> dict[str, Any
     make_specimen(device, 0)  # compiles
     simulate(device, 0)
     for number in range(specimens):
-        for tables in vars(built_motor).values():  # those of a motor are shared by its specimens
+        for tables in vars(motor_specimen).values():  # those of a motor are shared by its specimens
             getattr(tables, "cache_clear", int)()
         start = perf_counter()
         simulate(device, number)

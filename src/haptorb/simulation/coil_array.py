@@ -1,7 +1,7 @@
 """Simulation of a coil array with its tool and a hand, behind the driver interface.
 
-The array is a random specimen within the tolerances of its file (`built_array`), unknown to the controller. Its coils
-have inductance and warm up, the moving tool induces a voltage in them, and sensors are noisy. Neglected: mutual
+The array is a random specimen within the tolerances of its file (`coil_array_specimen`), unknown to the controller. Its
+coils have inductance and warm up, the moving tool induces a voltage in them, and sensors are noisy. Neglected: mutual
 inductance between coils, eddy currents, the core's remanence.
 """
 
@@ -19,7 +19,7 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
-from haptorb.simulation.built_array import (
+from haptorb.simulation.coil_array_specimen import (
     ArrayTruth,
     draw_coils,
     draw_strength,

@@ -1,8 +1,9 @@
 """Simulation of a spherical electromagnet with its tool and a hand, behind the driver interface.
 
-The plant differs from the controller's model: coils, core and magnet are those of one specimen (`built_electromagnet`);
-the core has eddy currents, remanence and saturation; coils have inductance and warm up; the moving tool induces a
-voltage in them; sensors are noisy, displaced and misaligned. So commanded and actual wrench differ as on a real device.
+The plant differs from the controller's model: coils, core and magnet are those of one specimen
+(`electromagnet_specimen`); the core has eddy currents, remanence and saturation; coils have inductance and warm up; the
+moving tool induces a voltage in them; sensors are noisy, displaced and misaligned. So commanded and actual wrench
+differ as on a real device.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from haptorb.estimation.types import Pose, Sample
 from haptorb.magnetics.magnets import ChargedRing, charge_field
 from haptorb.magnetics.soft_sphere import add_induced_field
 from haptorb.simulation.base import CoilSimulation
-from haptorb.simulation.built_electromagnet import (
-    BuiltElectromagnet,
+from haptorb.simulation.electromagnet_specimen import (
+    ElectromagnetSpecimen,
     Steel,
     draw_electromagnet,
     fill_truth,
@@ -384,7 +385,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self._longest = min(float(step), _longest_step(self._tool[0], device.name))
         tool, hall = device.tool, device.hall
         built = draw_electromagnet(device, specimen, steel)
-        self.built: BuiltElectromagnet = built  #: the true device, which the controller's model approximates
+        self.built: ElectromagnetSpecimen = built  #: the true device, which the controller's model approximates
         self.ring = built.ring  #: the tool's magnet in the simulation
         closest = max(device.dome_radius - tool.length / 2, 1.1 * built.core.radius)
         self._truth = built.compute_map(device.dome_radius)

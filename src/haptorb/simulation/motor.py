@@ -1,8 +1,8 @@
 """Simulation of a spherical motor with a hand on its handle, behind the driver interface.
 
-The motor is a random specimen within the tolerances of its file (`built_motor`), unknown to the controller. The coils
-have inductance, warm up, and a back-EMF from the same torque per ampere that converts currents to torque; weight and
-regulator act on the rotor; the bearing has friction, and the rotor has an end stop at the edge of its workspace; 48
+The motor is a random specimen within the tolerances of its file (`motor_specimen`), unknown to the controller. The
+coils have inductance, warm up, and a back-EMF from the same torque per ampere that converts currents to torque; weight
+and regulator act on the rotor; the bearing has friction, and the rotor has an end stop at the edge of its workspace; 48
 imperfect Hall sensors measure the field of magnets and coils. Not modelled: eddy currents (all parts but the magnets
 are non-magnetic, and the frame is assumed to be non-conducting), mutual inductance of the coils, the chopper's ripple,
 and the bearing's clearance.
@@ -28,7 +28,7 @@ from haptorb.devices.motor_model import torque_over_sine
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
-from haptorb.simulation.built_motor import (
+from haptorb.simulation.motor_specimen import (
     MotorTruth,
     draw_motor,
     fill_field,

@@ -21,8 +21,8 @@ from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.rotations import quaternion
-from haptorb.simulation.built_electromagnet import draw_electromagnet, fill_truth
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.electromagnet_specimen import draw_electromagnet, fill_truth
 
 OMNI, PMSM = load("omni"), load("pmsm")
 

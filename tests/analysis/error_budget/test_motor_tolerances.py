@@ -13,7 +13,7 @@ from haptorb.devices.loader import load
 from haptorb.devices.uncertainty import MotorTolerance
 from haptorb.errors import GeometryError
 from haptorb.rotations import rotation_from_euler
-from haptorb.simulation.built_motor import draw_motor, fill_field, fill_torque
+from haptorb.simulation.motor_specimen import draw_motor, fill_field, fill_torque
 
 MOTORS = {name: load(name) for name in ("pmsm", "pmsm-three-rings")}
 PMSM = MOTORS["pmsm"]

@@ -16,7 +16,7 @@ from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.loader import load
 from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
 from haptorb.magnetics import dipole
-from haptorb.simulation.built_electromagnet import BuiltElectromagnet, compute_fields, draw_electromagnet
+from haptorb.simulation.electromagnet_specimen import ElectromagnetSpecimen, compute_fields, draw_electromagnet
 from oracles.repetitions import repetitions
 
 OMNI = load("omni")
@@ -38,7 +38,7 @@ def test_the_force_is_within_two_per_cent_for_half_of_them_and_five_for_nearly_a
     assert after["95"] < 0.8 * before["95"]
 
 
-def read(built: BuiltElectromagnet, errors: SensorErrors) -> MagneticCalibration:
+def read(built: ElectromagnetSpecimen, errors: SensorErrors) -> MagneticCalibration:
     """The calibration of a device whose sensors are as good as the errors say, and whose field is that of `built`."""
     device = replace(OMNI, hall=replace(OMNI.hall, errors=errors))
     currents = excitation(device, levels=1, repeats=1)
@@ -46,7 +46,7 @@ def read(built: BuiltElectromagnet, errors: SensorErrors) -> MagneticCalibration
     return magnetic_calibration(device, currents, currents, np.einsum("sim,nm->nsi", fields, currents))
 
 
-def find_centre(built: BuiltElectromagnet, coil: int) -> np.ndarray:
+def find_centre(built: ElectromagnetSpecimen, coil: int) -> np.ndarray:
     """(3,) [m] where the dipole is that has the coil's field far away."""
     rng = np.random.default_rng(1)
     far = rng.standard_normal((40, 3))

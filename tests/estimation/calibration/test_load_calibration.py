@@ -20,14 +20,19 @@ from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.estimation.load_calibration import LoadRecord, calibrate_by_loads, list_columns, read_loads
 from haptorb.rotations import quaternion
-from haptorb.simulation.built_electromagnet import BuiltElectromagnet, compute_fields, draw_electromagnet, fill_truth
+from haptorb.simulation.electromagnet_specimen import (
+    ElectromagnetSpecimen,
+    compute_fields,
+    draw_electromagnet,
+    fill_truth,
+)
 from oracles.repetitions import repetitions
 
 OMNI = load("omni")
 assert isinstance(OMNI, SphericalElectromagnet)
 
 
-def weigh(built: BuiltElectromagnet, count: int = 40, seed: int = 0, noise: float = 1e-3) -> LoadRecord:
+def weigh(built: ElectromagnetSpecimen, count: int = 40, seed: int = 0, noise: float = 1e-3) -> LoadRecord:
     """Readings of a cell, by filaments: 1 mN and 0.02 mN·m of noise, its zero off, poses 0.05 mm off."""
     rng, truth = np.random.default_rng(seed), built.compute_map(OMNI.dome_radius)
     rows: list[tuple[np.ndarray, ...]] = []
@@ -43,7 +48,7 @@ def weigh(built: BuiltElectromagnet, count: int = 40, seed: int = 0, noise: floa
     return LoadRecord(*(np.array(one) for one in zip(*rows, strict=True)))
 
 
-def sense(built: BuiltElectromagnet) -> Calibration:
+def sense(built: ElectromagnetSpecimen) -> Calibration:
     """What the field sensors found before."""
     currents = excitation(OMNI, levels=1, repeats=1)
     fields = compute_fields(built.compute_map(OMNI.dome_radius), OMNI.hall.positions)
@@ -55,7 +60,7 @@ def sense(built: BuiltElectromagnet) -> Calibration:
     )  # fmt: skip
 
 
-def find_error(believed: SphericalElectromagnet, built: BuiltElectromagnet) -> float:
+def find_error(believed: SphericalElectromagnet, built: ElectromagnetSpecimen) -> float:
     """rms of the coils' force over the shell, relative: filaments against the believed model."""
     truth, wrong, whole = built.compute_map(OMNI.dome_radius), 0.0, 0.0
     for n in range(60):

@@ -28,8 +28,8 @@ from haptorb.estimation.sensor_calibration import (
 )
 from haptorb.estimation.types import Pose, Sample
 from haptorb.rotations import quaternion
-from haptorb.simulation.built_electromagnet import Steel
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.electromagnet_specimen import Steel
 
 OMNI = load("omni")
 NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), False)

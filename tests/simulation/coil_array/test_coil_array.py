@@ -13,8 +13,8 @@ from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.coil_array import BuildTolerance, place_coils
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.simulation.built_array import draw_coils, draw_strength, fill_array_truth, make_array_truth
 from haptorb.simulation.coil_array import SimulatedCoilArray
+from haptorb.simulation.coil_array_specimen import draw_coils, draw_strength, fill_array_truth, make_array_truth
 from haptorb.simulation.force_map import force_map
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

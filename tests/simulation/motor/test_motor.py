@@ -15,11 +15,11 @@ from haptorb.devices.loader import load
 from haptorb.devices.motor import HANDLE_LOOSE, torque_characteristic
 from haptorb.errors import InputError, UnknownName
 from haptorb.rotations import rotation_from_euler
-from haptorb.simulation.built_motor import pack_truth
 from haptorb.simulation.motor import SimulatedMotor
+from haptorb.simulation.motor_specimen import pack_truth
 from haptorb.simulation.registry import simulate
 
-PMSM = replace(load("pmsm"), tolerance=None)  # as its file says; a motor within its tolerances: test_built_motor
+PMSM = replace(load("pmsm"), tolerance=None)  # as its file says; a motor within its tolerances: test_motor_specimen
 OFF = np.zeros(12)
 NOWHERE = np.zeros(3)
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Coil array as built: coils drawn from the tolerances of its file, their fields from loops, the magnets as currents.
+"""Specimen of a coil array: coils drawn within its tolerances, their fields from loops, the magnets as currents.
 
 Coils are displaced and tilted, with deviating radii and turns, and magnets have a deviating remanence. Coils and
 magnets share nothing with the controller's model: a winding is current loops by elliptic integrals (Smythe, Static and

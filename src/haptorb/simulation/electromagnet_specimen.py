@@ -1,4 +1,4 @@
-"""Electromagnet as built: parameters drawn from the tolerances of its file, field computed from filaments.
+"""Specimen of an electromagnet: parameters drawn from the tolerances of its file, field computed from filaments.
 
 Windings have deviating sizes, positions and axes, and up to a turn more or less in each layer; the core is off-centre,
 slightly ellipsoidal and of another permeability; the magnet has another remanence; the earth's field and, optionally, a
@@ -35,7 +35,7 @@ from haptorb.magnetics.source import PlacedSource
 from haptorb.magnetics.special import loop_field
 
 __all__ = [
-    "BuiltElectromagnet",
+    "ElectromagnetSpecimen",
     "Steel",
     "TruthMap",
     "compute_fields",
@@ -68,7 +68,7 @@ class Steel:
 
 
 @dataclass(frozen=True)
-class BuiltElectromagnet:
+class ElectromagnetSpecimen:
     """True coils, core and magnet of one specimen, with its surroundings."""
 
     coils: PlacedCoils | None  #: None: points, with `moments`
@@ -197,7 +197,7 @@ class BuiltElectromagnet:
 
 
 class TruthMap(NamedTuple):
-    """A `BuiltElectromagnet` in the form that compiled code needs."""
+    """An `ElectromagnetSpecimen` in the form that compiled code needs."""
 
     charges: Array  #: (4, n) of the tool's magnet, mover frame [m, A·m]
     centres: Array  #: (m, 3) of the coils [m]
@@ -368,7 +368,7 @@ def find_gauss_points(layers: Array, count: int) -> tuple[Array, Array]:
 
 def draw_electromagnet(
     device: SphericalElectromagnet, specimen: int = 0, steel: Steel | None = None
-) -> BuiltElectromagnet:
+) -> ElectromagnetSpecimen:
     """Draw specimen number `specimen` of the electromagnets within the tolerances of `device`; reproducible.
 
     Every value is uniform within √3 times its standard deviation of [tolerance] or [uncertainty]; moments per ampere
@@ -389,7 +389,7 @@ def draw_electromagnet(
     if tolerance is None:
         if device.windings is not None and device.has_sizes:
             coils = _scale_to_moments(device, _place_nominal(device, device.moment_per_current), core, moments)
-        return BuiltElectromagnet(
+        return ElectromagnetSpecimen(
             coils, np.array(device.far_moments), core, np.zeros(3), np.eye(3), np.zeros(3),
             ChargedRing(*size, tool.remanence, **_FACE), np.zeros(3), steel,
         )  # fmt: skip
@@ -433,7 +433,7 @@ def draw_electromagnet(
         coils = replace(coils, turns=nominal.turns * (counted + more))
         if measured:
             coils = _scale_to_moments(device, coils, core, moments, place, layers)
-    return BuiltElectromagnet(
+    return ElectromagnetSpecimen(
         coils, device.far_moments * (np.linalg.norm(moments, axis=0) / columns), core, place, axes,
         stretch - stretch.mean(), ChargedRing(*size, remanence, **_FACE),
         tolerance.earth_field * earth / np.linalg.norm(earth), steel, layers,
@@ -461,7 +461,7 @@ def _scale_to_moments(
     """
     c, away, tool = np.zeros(3) if place is None else place, device.moments_at, device.tool
     ring = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, **_FACE)
-    made = BuiltElectromagnet(coils, moments, core, c, np.eye(3), np.zeros(3), ring, np.zeros(3), layers=layers)
+    made = ElectromagnetSpecimen(coils, moments, core, c, np.eye(3), np.zeros(3), ring, np.zeros(3), layers=layers)
     if np.isinf(away):
         found = (made.compute_moments() * coils.axis.T).sum(axis=0)
     else:

@@ -1,4 +1,4 @@
-"""Spherical motor as built: parameters drawn from the tolerances of its file, torque and field from turns and charges.
+"""Specimen of a motor: parameters drawn from the tolerances of its file, torque and field from turns and charges.
 
 Magnets have deviating strengths, positions and axes; coils deviating radii, positions, axes and turns in each layer;
 field sensors deviating positions; regulator and weight deviate slightly from those of the file. Nothing is shared with
@@ -37,7 +37,7 @@ from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet
 from haptorb.magnetics.special import loop_field
 from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
 
-__all__ = ["BuiltMotor", "MotorTruth", "draw_motor", "fill_field", "fill_torque", "pack_truth", "unpack_truth"]
+__all__ = ["MotorSpecimen", "MotorTruth", "draw_motor", "fill_field", "fill_torque", "pack_truth", "unpack_truth"]
 
 _K = MU0 / (4 * np.pi)
 _CELLS = 320  #: pieces of a table over the chord |u − c| from 0 to 2
@@ -53,7 +53,7 @@ _MAX_CHARGES = (24, 64)
 
 
 class MotorTruth(NamedTuple):
-    """A `BuiltMotor` in the form that compiled code needs."""
+    """A `MotorSpecimen` in the form that compiled code needs."""
 
     torque_cells: Array  #: (c (n + 1), 16) cubic pieces over the chord of k, ∂Λ/∂a, hm, hc of each coil in turn
     torque_scale: float  #: pieces per unit of chord
@@ -407,7 +407,7 @@ def _expand_rings(
 
 
 @dataclass(frozen=True)
-class BuiltMotor:
+class MotorSpecimen:
     """True magnets, coils and sensors of one specimen, with their torques and fields."""
 
     device: SphericalMotor
@@ -478,7 +478,7 @@ def _across(axes: Array, toward: Array) -> Array:
     return lean
 
 
-def draw_motor(device: SphericalMotor, specimen: int = 0, placement: Array | None = None) -> BuiltMotor:
+def draw_motor(device: SphericalMotor, specimen: int = 0, placement: Array | None = None) -> MotorSpecimen:
     """Draw specimen number `specimen` of the motors within the tolerances of `device`; reproducible.
 
     placement (k, 3) [m]: displacement of the field sensors, from `draw_sensors`.
@@ -499,7 +499,7 @@ def draw_motor(device: SphericalMotor, specimen: int = 0, placement: Array | Non
     if device.regulator is not None:
         tilt_torque, least = _expand_regulator(device.regulator)
     if tolerance is None:
-        return BuiltMotor(
+        return MotorSpecimen(
             device, magnets.positions, magnets.directions, np.array(device.polarity, dtype=np.float64),
             coils.positions, coils.directions, (np.stack(coil.filaments(*_WINDING_LOOPS)),) * len(coils),
             places, _add_weight(tilt_torque, device.weight_torque), least, nominal,
@@ -526,7 +526,7 @@ def draw_motor(device: SphericalMotor, specimen: int = 0, placement: Array | Non
     edges = closer * spread(tolerance.winding, windings, 3)
     regulator, weight = 1.0 + float(spread(known.regulator)), 1.0 + float(spread(known.weight))
     layers = [_wind_layers(device, coil, edge, tolerance.turns_per_layer, draw) for edge in edges]
-    return BuiltMotor(
+    return MotorSpecimen(
         device, magnets.positions + magnet_shift, _tilt(magnets.directions, magnet_lean), device.polarity * strength,
         _keep_radial(coils.positions + shift, coils.distance, closer * np.sqrt(3.0) * tolerance.position),
         _tilt(coils.directions, lean), tuple(layers), places,

@@ -17,16 +17,16 @@ from haptorb.errors import GeometryError
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import SoftSphere
-from haptorb.simulation.built_electromagnet import (
-    BuiltElectromagnet,
+from haptorb.simulation.electromagnet import SimulatedElectromagnet
+from haptorb.simulation.electromagnet_specimen import (
+    ElectromagnetSpecimen,
     Steel,
     compute_fields,
     draw_electromagnet,
     fill_truth,
 )
-from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb_papers.reproduce.zarate2020.second_coils import list_loops, loop_field
-from oracles import built_electromagnet as oracle
+from oracles import electromagnet_specimen as oracle
 from oracles import wound_coils
 from oracles.repetitions import repetitions
 
@@ -39,7 +39,7 @@ EXACT_BUT_TURNS = ElectromagnetTolerance(
 )
 
 
-def act(built: BuiltElectromagnet, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def act(built: ElectromagnetSpecimen, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     matrix, passive = np.empty((6, 3)), np.empty(6)
     fill_truth(built.compute_map(OMNI.dome_radius), np.ascontiguousarray(R), p, matrix, passive, np.empty((6, 3)))
     return matrix, passive

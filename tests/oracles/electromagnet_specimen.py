@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from haptorb.simulation.built_electromagnet import BuiltElectromagnet
+from haptorb.simulation.electromagnet_specimen import ElectromagnetSpecimen
 from haptorb_papers.reproduce.zarate2020.second_coils import charge_field, list_loops, loop_field, spread_points
 
 __all__ = ["read_fields", "read_wrench"]
@@ -20,7 +20,7 @@ MU0 = 4e-7 * np.pi
 SURFACE, CHARGES = 700, 300
 
 
-def coil_field(built: BuiltElectromagnet, number: int, points: Array, *, near: bool) -> Array:
+def coil_field(built: ElectromagnetSpecimen, number: int, points: Array, *, near: bool) -> Array:
     """(n, 3) [T/A] of the winding alone, in many even loops where the points may be close to it."""
     coils = built.coils
     assert coils is not None
@@ -41,7 +41,7 @@ def coil_field(built: BuiltElectromagnet, number: int, points: Array, *, near: b
     return field
 
 
-def answer(built: BuiltElectromagnet, own: list[Array], surface: Array) -> tuple[Array, Array]:
+def answer(built: ElectromagnetSpecimen, own: list[Array], surface: Array) -> tuple[Array, Array]:
     """Places of charges in the core, and (sources, n) their strength: its answer to fields `own` on its surface."""
     shape = built.core_axes @ np.diag(built.core.radius * (1 + built.core_stretch)) @ built.core_axes.T
     normal = spread_points(SURFACE) @ np.linalg.inv(shape)
@@ -72,12 +72,12 @@ def answer(built: BuiltElectromagnet, own: list[Array], surface: Array) -> tuple
     return within, found[:CHARGES].T
 
 
-def on_surface(built: BuiltElectromagnet) -> Array:
+def on_surface(built: ElectromagnetSpecimen) -> Array:
     shape = built.core_axes @ np.diag(built.core.radius * (1 + built.core_stretch)) @ built.core_axes.T
     return built.core_place + spread_points(SURFACE) @ shape.T
 
 
-def magnet(built: BuiltElectromagnet, R: Array, p: Array) -> tuple[Array, Array, Array]:
+def magnet(built: ElectromagnetSpecimen, R: Array, p: Array) -> tuple[Array, Array, Array]:
     """Places, arms and strengths of charges on the faces of the magnet at R and p."""
     ring = built.ring
     node, weight = np.polynomial.legendre.leggauss(4)
@@ -91,7 +91,7 @@ def magnet(built: BuiltElectromagnet, R: Array, p: Array) -> tuple[Array, Array,
     return p + arms, arms, np.concatenate([q, -q])
 
 
-def read_fields(built: BuiltElectromagnet, points: Array) -> Array:
+def read_fields(built: ElectromagnetSpecimen, points: Array) -> Array:
     """(n, 3, 3) [T/A] of each coil with the core."""
     surface = on_surface(built)
     within, charges = answer(built, [coil_field(built, k, surface, near=True) for k in range(3)], surface)
@@ -100,7 +100,7 @@ def read_fields(built: BuiltElectromagnet, points: Array) -> Array:
     )
 
 
-def read_wrench(built: BuiltElectromagnet, R: Array, p: Array) -> tuple[Array, Array]:
+def read_wrench(built: ElectromagnetSpecimen, R: Array, p: Array) -> tuple[Array, Array]:
     """(6, 3) [N/A, N·m/A] on the magnet at R and p, torque about its centre, and (6,) without currents."""
     surface = on_surface(built)
     at, arms, q = magnet(built, R, p)
