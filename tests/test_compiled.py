@@ -34,9 +34,9 @@ assert "numba" in sys.modules
 held = [key for module in list(sys.modules.values()) if module.__name__.startswith("haptorb")
         for key, value in vars(module).items() if type(value) is PostponedKernel]
 # What was imported before keeps its value, and so do modules that are read from here on.
-from haptorb.magnetics import special
+from haptorb.magnetics import current_sheets
 dipole_per_ampere(2.407, np.array([[0.0], [0.0], [0.2077]]), np.array([0.0, 0.0, 0.05]), np.eye(3), K)
-kinds = [type(one).__name__ for one in (dipole.dipole_per_ampere, special.zonal)]
+kinds = [type(one).__name__ for one in (dipole.dipole_per_ampere, current_sheets.zonal)]
 print(round(-1e3 * float(K[2, 0]), 1), held, *kinds)
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import jv, struve
 
-from haptorb.magnetics.special import integrate_bessel
+from haptorb.magnetics.coil import integrate_bessel
 
 
 def test_it_is_what_struve_functions_say() -> None:

@@ -287,7 +287,8 @@ def fill_wound(
 
     Torque about p. Returns the least distance of a charge from the origin [m].
 
-    The field of a coil is Σ c_n grad-type terms of P_n(cos θ)/r^(n+1) with odd n about its centre (`special.zonal`).
+    The field of a coil is Σ c_n grad-type terms of P_n(cos θ)/r^(n+1) with odd n about its centre
+    (`current_sheets.zonal`).
     """
     out[:] = 0.0
     closest, least = 1e300, (nearest / reach) ** 2

@@ -22,7 +22,7 @@ from haptorb.devices import tables
 from haptorb.devices.tables import PairTable, Progress
 from haptorb.errors import DeviceError
 from haptorb.files import read_bytes, replace_file
-from haptorb.magnetics import coil, dipole, interaction, magnets, source, special
+from haptorb.magnetics import coil, current_sheets, dipole, elliptic_integrals, interaction, magnets, source
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.source import RoundBody
 
@@ -32,10 +32,7 @@ _MAX_TABLE_BYTES = 64 * 1024 * 1024  #: bytes of a table
 
 #: modules whose code determines a table's values: `devices.tables`, the magnets, and what they import, except what
 #: only passes values on
-_MAKERS = (
-    *(tables, interaction, special, coil, special, magnets, dipole, special, source, magnets, source),
-    *(coil, special),
-)
+_MAKERS = (tables, interaction, coil, current_sheets, elliptic_integrals, magnets, dipole, source)
 
 
 def load_torque_table(

@@ -13,10 +13,10 @@ from haptorb.arrays import Array, check_finite, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics import source
+from haptorb.magnetics.current_sheets import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.magnetics.source import RoundBody, tensor
-from haptorb.magnetics.special import FAR, coefficients, integrate_bessel, sheet, sheet_gradient, zonal, zonal_gradient
 
 __all__ = [
     "COPPER_RESISTIVITY",
@@ -25,6 +25,7 @@ __all__ = [
     "Coil",
     "WindingTable",
     "coil_and_core",
+    "integrate_bessel",
     "table_field",
     "tabulate_winding",
     "winding_field",
@@ -324,6 +325,62 @@ def _check_precision(bound: Array, gross: Array, precision: float, points: Array
             f"the coil's field at {points[worst].tolist()} m converged to {bound[worst] / gross[worst]:.1e} "
             f"relative, not to {precision:.1e}; request less, or move the point off the winding's edge"
         )
+
+
+# --------------------------------------------------------------------------------------------------
+# Self-inductance of a round winding, by ∫₀ˣ t J₁(t) dt without scipy, whose special functions take longer to import
+# than a device file.
+#
+# Sources: Abramowitz & Stegun 1964, 9.1.18 (Bessel's integral), 9.2.5 (Hankel's expansions), 11.1.7 (the integral by
+# Struve's functions) and 12.1.29 (their expansions).
+
+
+_MIN_EXPANSION_ARGUMENT = 30.0  #: argument from which the expansions are used, with terms that fall below 1e-12
+_BESSEL_NODES = 24  #: of the integral below it; its error is of the order of J₉₆(30)
+_BESSEL_TERMS = 8
+
+
+def integrate_bessel(x: Array) -> Array:
+    """∫₀ˣ t J₁(t) dt = ∫₀ˣ J₀ dt − x J₀(x) for x ≥ 0, same shape, without dimension [1]; error below 1e-11.
+
+    >>> float(integrate_bessel(np.array([1.0]))[0].round(8))
+    0.15453272
+    """
+    x = np.asarray(x, dtype=float)
+    out, near = np.empty(x.shape), x < _MIN_EXPANSION_ARGUMENT
+    s = np.sin(0.5 * np.pi * (np.arange(_BESSEL_NODES) + 0.5) / _BESSEL_NODES)
+    phase = x[near][..., None] * s
+    out[near] = (np.sin(phase) / s - x[near][..., None] * np.cos(phase)).mean(axis=-1)
+    out[~near] = _expand_bessel_integral(x[~near])
+    return out
+
+
+def _expand_bessel_integral(x: Array) -> Array:
+    """1 + (πx/2)(J₁ A₀ − J₀ A₁) with Aₙ = Hₙ − Yₙ, as J₁Y₀ − J₀Y₁ = 2/(πx)."""
+    square = 1.0 / (x * x)
+    a0, a1, term, other = np.ones_like(x), 1.0 + square, np.ones_like(x), square
+    for k in range(1, _BESSEL_TERMS):
+        term = -term * (2 * k - 1) ** 2 * square
+        a0 = a0 + term
+        other = -other * (2 * k + 1) * (2 * k - 1) * square
+        a1 = a1 + other
+    out: Array = 1.0 + _bessel(1, x) * a0 - x * _bessel(0, x) * a1
+    return out
+
+
+def _bessel(order: int, x: Array) -> Array:
+    """J of that order by Hankel's expansion."""
+    p, q, term = np.ones_like(x), np.zeros_like(x), np.ones_like(x)
+    for k in range(1, 2 * _BESSEL_TERMS):
+        term = term * (4 * order * order - (2 * k - 1) ** 2) / (8 * k * x)
+        sign = -1.0 if k % 4 in (2, 3) else 1.0
+        if k % 2:
+            q = q + sign * term
+        else:
+            p = p + sign * term
+    angle = x - (0.5 * order + 0.25) * np.pi
+    out: Array = np.sqrt(2 / (np.pi * x)) * (p * np.cos(angle) - q * np.sin(angle))
+    return out
 
 
 @lru_cache(maxsize=64)  # a search for a motor creates thousands with the same coils

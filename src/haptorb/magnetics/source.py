@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptorb.arrays import Array, check_finite, rotation, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError
-from haptorb.magnetics.special import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
+from haptorb.magnetics.current_sheets import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
 
 __all__ = ["PlacedSource", "RoundBody", "SheetStack", "Source", "length", "tensor"]
 

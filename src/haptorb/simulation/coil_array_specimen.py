@@ -27,9 +27,9 @@ from haptorb.devices.coil_array import (
     add_core,
     place_coils,
 )
+from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import answer_to_source
-from haptorb.magnetics.special import loop_field
 
 __all__ = ["ArrayTruth", "draw_coils", "draw_strength", "fill_array_truth", "make_array_truth"]
 

@@ -21,6 +21,7 @@ from haptorb.compiled import kernel
 from haptorb.devices.coil_array import PlacedCoils, place_charges, place_coils
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import GeometryError
+from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import (
@@ -32,7 +33,6 @@ from haptorb.magnetics.soft_sphere import (
     weigh_charges,
 )
 from haptorb.magnetics.source import PlacedSource
-from haptorb.magnetics.special import loop_field
 
 __all__ = [
     "ElectromagnetSpecimen",

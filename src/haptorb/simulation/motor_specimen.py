@@ -32,9 +32,9 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.motor_model import Regulator
 from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet
-from haptorb.magnetics.special import loop_field
 from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
 
 __all__ = ["MotorSpecimen", "MotorTruth", "draw_motor", "fill_field", "fill_torque", "pack_truth", "unpack_truth"]
