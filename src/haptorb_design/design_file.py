@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from haptorb.devices import schema as m
 from haptorb.devices.loader import DeviceTables, list_mistakes, read_tables
 from haptorb.devices.schema import Name, Section, Text, explain_mistakes
-from haptorb.devices.units import convert
+from haptorb.devices.unit_conversion import convert
 from haptorb.errors import HaptorbError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import parse_toml, read_text

@@ -21,7 +21,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator
 
 from haptorb.cache_folder import private_folder
-from haptorb.devices.units import AMBIGUOUS, convert, explain_unit, split_unit, usual_units
+from haptorb.devices.unit_conversion import AMBIGUOUS, convert, explain_unit, split_unit, usual_units
 from haptorb.errors import InputError, quote
 
 __all__ = [

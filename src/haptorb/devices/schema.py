@@ -19,7 +19,7 @@ from haptorb.devices import quantity as q
 from haptorb.devices.base import CONTACT_RATE, HANDOVER, ROOM, Coils, Heat, HeatCoupling, Limits, Supply
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.quantity import QuantityKind
-from haptorb.devices.units import convert, usual_units
+from haptorb.devices.unit_conversion import convert, usual_units
 from haptorb.errors import quote
 
 __all__ = [

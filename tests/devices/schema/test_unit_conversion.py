@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.devices import quantity
-from haptorb.devices.units import PREFIXED, PREFIXES, WHOLE, convert, split_unit
+from haptorb.devices.unit_conversion import PREFIXED, PREFIXES, WHOLE, convert, split_unit
 
 NAMES = sorted({*WHOLE, *PREFIXED, *(prefix + unit for prefix, unit in itertools.product(PREFIXES, PREFIXED))})
 #: units in which values are wanted

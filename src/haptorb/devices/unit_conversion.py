@@ -1,4 +1,4 @@
-"""Units of device files without pint: names, prefixes and powers, with exact factors to SI.
+"""Conversion of device files' units to SI without pint: names, prefixes and powers, with exact factors.
 
 pint knows every unit and takes half a second to load. The few that device files use are here; whatever else a
 file says, and every mistake, is pint's to judge (`quantity.si`). Sources: the SI brochure (BIPM 2019); the inch is
