@@ -127,10 +127,10 @@ MUTATIONS = (
     Mutation("worlds/dome.py", "_push", "d", 0.9, (_Z3F,)),
     # orientation, currents and modes of the motor
     Mutation("rotations.py", "rotation_from_euler", "ca, sa, cb, sb, cc, sc@elts[1]", -1, (_E1,)),
-    Mutation("devices/motor_model.py", "PartRing.directions", "out[:, 0]", -1, (_T2, _A1)),
+    Mutation("devices/motor_layout.py", "PartRing.directions", "out[:, 0]", -1, (_T2, _A1)),
     Mutation("devices/motor_file.py", "RingSection.build", "return@args[0]", 1.25, (_T2, _A1)),
-    Mutation("devices/motor_model.py", "_pole_torque", "q#1", -1, (_E7,)),
-    Mutation("devices/motor_model.py", "_pole_torque", "fz", 1.1, (_E7,)),
+    Mutation("devices/motor_wrench_map.py", "_pole_torque", "q#1", -1, (_E7,)),
+    Mutation("devices/motor_wrench_map.py", "_pole_torque", "fz", 1.1, (_E7,)),
     Mutation("devices/tables.py", "torque_characteristic", "out[n, 0, j]", -1, (_E1, _E7, _TEXT)),
     Mutation("devices/tables.py", "torque_characteristic", "out[n, 0, j]", 0, (_TEXT, _E1)),
     Mutation("devices/tables.py", "sensor_field_gradient", "field[n, j, 0]", 1.1, (_TEXT,)),

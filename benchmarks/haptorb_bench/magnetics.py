@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.devices.loader import load
 from haptorb.devices.motor import motor, sensor_field, torque_characteristic
-from haptorb.devices.motor_model import exact_field, exact_torque
+from haptorb.devices.motor_wrench_map import exact_field, exact_torque
 from haptorb.rotations import rotation_from_euler
 from haptorb_bench import peers
 from haptorb_bench.contest import Contest, Result, measure_fastest

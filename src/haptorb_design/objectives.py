@@ -22,9 +22,10 @@ from haptorb.devices.electromagnet import (
 )
 from haptorb.devices.electromagnet_wrench_map import Windings, fill_wound
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
-from haptorb.devices.motor_model import Layout, Regulator, torque_over_sine
+from haptorb.devices.motor_layout import Layout
 from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
+from haptorb.devices.weight_regulator import Regulator, torque_over_sine
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.estimation.hall_fit import position_accuracy
 from haptorb.magnetics.coil import COPPER_DENSITY, Coil

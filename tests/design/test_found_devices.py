@@ -43,7 +43,7 @@ def test_the_motor_takes_1_6_times_less_heat_with_no_more_magnet_copper_and_room
 
 def test_the_motors_heat_is_that_of_the_exact_integral_in_its_worst_orientation():
     """Independent of every table: the magnets' closed-form field over filaments of the windings, to 1e-5."""
-    from haptorb.devices.motor_model import exact_torque
+    from haptorb.devices.motor_wrench_map import exact_torque
     from haptorb.rotations import rotation_from_euler
 
     candidate = both("pmsm", "pmsm-three-rings")[1]

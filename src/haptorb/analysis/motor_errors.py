@@ -30,7 +30,8 @@ from haptorb.control.capability import motor_capability
 from haptorb.devices import tables
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
-from haptorb.devices.motor_model import coils_field, torque_over_sine
+from haptorb.devices.motor_wrench_map import coils_field
+from haptorb.devices.weight_regulator import torque_over_sine
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.rotations import rotation_from_euler, turn_by

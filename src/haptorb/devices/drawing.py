@@ -11,7 +11,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.devices.geometry import Geometry, Reach, RoundPart, Spot
-from haptorb.devices.motor_model import spherical_frames
+from haptorb.devices.motor_layout import spherical_frames
 from haptorb.errors import InputError, UnknownName
 
 if TYPE_CHECKING:

@@ -21,10 +21,9 @@ from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Geometry, Reach, Rod, RoundPart, Spot, list_assumed
 from haptorb.devices.loader import find_device
 from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, charge_field, check_magnet, coil_field
-from haptorb.devices.motor_model import (
-    Layout,
+from haptorb.devices.motor_layout import Layout
+from haptorb.devices.motor_wrench_map import (
     MotorTables,
-    Regulator,
     coils_field,
     dipole_field,
     dipole_torque,
@@ -33,12 +32,12 @@ from haptorb.devices.motor_model import (
     motor_tables,
     multipole_field,
     multipole_torque,
-    torque_over_sine,
 )
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.tables import Progress
 from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance, tilted_axes
 from haptorb.devices.uncertainty import MotorTolerance, MotorUncertainty
+from haptorb.devices.weight_regulator import Regulator, torque_over_sine
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
@@ -342,7 +341,7 @@ class SphericalMotor(Device):
     @cached_property
     def tilt_torque(self) -> tuple[Array, float]:
         """(n,) coefficients of the torque of weight and regulator [N·m], and the minimum cosine, for
-        `motor_model.torque_over_sine`: torque over sin(tilt), positive where it turns the rotor upright."""
+        `weight_regulator.torque_over_sine`: torque over sin(tilt), positive where it turns the rotor upright."""
         weight = self.weight_torque
         if self.regulator is None:
             return np.array([-weight]), 0.0

@@ -28,7 +28,7 @@ from haptorb.devices.motor import (
     pair_opposite,
     workspace_sample,
 )
-from haptorb.devices.motor_model import Layout, PartRing, Regulator, alternate_signs
+from haptorb.devices.motor_layout import Layout, PartRing, alternate_signs
 from haptorb.devices.schema import (
     RIGHT_ANGLE,
     BasedOn,
@@ -48,6 +48,7 @@ from haptorb.devices.schema import (
     list_limit_mistakes,
 )
 from haptorb.devices.uncertainty import MotorTolerance, MotorUncertainty
+from haptorb.devices.weight_regulator import Regulator
 from haptorb.errors import DeviceError, quote
 from haptorb.magnetics.coil import Coil as CoilCoil
 from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet

@@ -12,8 +12,8 @@ from haptorb.arrays import Array, Record, Records, StateArray, Stateful, fields,
 from haptorb.compiled import kernel, pack, part, tick_kernel
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.motor import SphericalMotor
-from haptorb.devices.motor_model import torque_over_sine
 from haptorb.devices.tables import sensor_field, sensor_field_gradient, torque_characteristic
+from haptorb.devices.weight_regulator import torque_over_sine
 from haptorb.errors import InputError
 from haptorb.estimation.types import Estimate, Estimator, KeptEstimate, Pose, Sample
 from haptorb.rotations import correct_rotation, rotation_from_euler, turn_by

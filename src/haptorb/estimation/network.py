@@ -24,7 +24,7 @@ from haptorb.cache_folder import cache_folder
 from haptorb.compiled import kernel
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.motor import SphericalMotor
-from haptorb.devices.motor_model import Layout
+from haptorb.devices.motor_layout import Layout
 from haptorb.errors import InputError, quote
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation, magnet_field, reading_limit, spin_period
 from haptorb.estimation.types import Estimate, Estimator, Sample

@@ -24,7 +24,7 @@ from haptorb.compiled import kernel
 from haptorb.devices.base import State
 from haptorb.devices.field_sensors import SensorErrors, draw_sensors
 from haptorb.devices.motor import Grasp, SphericalMotor
-from haptorb.devices.motor_model import torque_over_sine
+from haptorb.devices.weight_regulator import torque_over_sine
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation

@@ -29,7 +29,7 @@ from haptorb.arrays import Array
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.motor import SphericalMotor
-from haptorb.devices.motor_model import Regulator
+from haptorb.devices.weight_regulator import Regulator
 from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.current_sheets import loop_field
@@ -70,7 +70,9 @@ class MotorTruth(NamedTuple):
     sensor_distance: float  #: nominal distance of the sensors [m]
     groups: Array  #: (c, m)
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
-    tilt_torque: Array  #: (n,) coefficients of weight and regulator, as `motor_model.torque_over_sine` takes them [N·m]
+    tilt_torque: (
+        Array  #: (n,) coefficients of weight and regulator, as `weight_regulator.torque_over_sine` takes them [N·m]
+    )
 
 
 def pack_truth(m: MotorTruth) -> Array:
@@ -373,7 +375,7 @@ def _torque_of_charges(still: Array, turned: Array) -> float:
 
 
 def _expand_regulator(regulator: Regulator) -> tuple[Array, float]:
-    """(14,) coefficients of torque over sin(tilt) [N·m], and the least cosine, for `motor_model.torque_over_sine`."""
+    """(14,) coefficients of torque over sin(tilt) [N·m], and the least cosine, for `torque_over_sine`."""
     sizes = [
         (ring.outer_radius, ring.inner_radius, ring.length, ring.polarization)
         for ring in (regulator.stator_ring, regulator.rotor_ring)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb.devices.motor_model import Layout
+from haptorb.devices.motor_layout import Layout
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import (

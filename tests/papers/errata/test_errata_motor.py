@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.devices.loader import load
-from haptorb.devices.motor_model import PartRing
+from haptorb.devices.motor_layout import PartRing
 from haptorb_papers.reproduce.bai2012.table_2 import PAIRS
 
 BAI = "bai2012"

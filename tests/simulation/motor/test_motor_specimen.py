@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.loader import load
-from haptorb.devices.motor_model import Layout
+from haptorb.devices.motor_layout import Layout
 from haptorb.errors import GeometryError
 from haptorb.rotations import rotation_from_euler
 from haptorb.simulation.motor import SimulatedMotor

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from haptorb.devices.motor_model import Layout, PartRing, alternate_signs, spherical_frames
+from haptorb.devices.motor_layout import Layout, PartRing, alternate_signs, spherical_frames
 from haptorb.errors import InputError
 
 

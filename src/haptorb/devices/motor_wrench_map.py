@@ -1,4 +1,4 @@
-"""The torque characteristic and field of a spherical motor without tables: exact, by multipoles, by dipoles.
+"""Torque per ampere and field of a spherical motor: exact, by multipoles, by dipoles, and from tables.
 
 All take orientations R (n, 3, 3) and give torque on the rotor about the centre, per ampere in every single coil,
 (n, 3, m) [N·m/A], stator frame.
@@ -6,35 +6,28 @@ All take orientations R (n, 3, 3) and give torque on the rotor about the centre,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
 from haptorb.devices import tables
+from haptorb.devices.motor_layout import Layout
 from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, Progress
-from haptorb.errors import DeviceError, InputError, PrecisionError
+from haptorb.errors import DeviceError, PrecisionError
 from haptorb.magnetics import dipole
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.dipole import MU0
-from haptorb.magnetics.interaction import wrench
-from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
+from haptorb.magnetics.magnets import CylinderMagnet
 from haptorb.magnetics.multipole import MultipoleSource
 from haptorb.magnetics.source import Source
 
 __all__ = [
-    "Layout",
     "MotorParts",
     "MotorTables",
-    "PartRing",
-    "Regulator",
-    "alternate_signs",
     "coils_field",
     "dipole_field",
     "dipole_torque",
@@ -43,8 +36,6 @@ __all__ = [
     "motor_tables",
     "multipole_field",
     "multipole_torque",
-    "spherical_frames",
-    "torque_over_sine",
 ]
 
 
@@ -198,103 +189,6 @@ def _pole_torque(rotor: Array, charge: Array, stator: Array, strength: Array, ou
 
 
 # --------------------------------------------------------------------------------------------------
-# Layout of the round parts of a spherical motor: directions from its centre, in rings of equal latitude.
-
-
-@dataclass(frozen=True, slots=True)
-class PartRing:
-    """`count` parts at one latitude, `step` apart in longitude from `first` on; angles in [rad]."""
-
-    latitude: float
-    count: int
-    first: float
-    step: float
-
-    def directions(self) -> Array:
-        """(count, 3) unit vectors.
-
-        Bai 2012 (A.1) prints ϑ as a colatitude, but the angles of its Table A.1 are latitudes (erratum E2):
-        r/R = (cosϑ cosφ, cosϑ sinφ, sinϑ).
-
-        >>> PartRing(0.0, 2, 0.0, np.pi / 2).directions().round(12).tolist()
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-        """
-        longitude = self.first + self.step * np.arange(self.count)
-        out = np.empty((self.count, 3))
-        out[:, 0] = np.cos(self.latitude) * np.cos(longitude)
-        out[:, 1] = np.cos(self.latitude) * np.sin(longitude)
-        out[:, 2] = np.sin(self.latitude)
-        return out
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Parts on one sphere, their axes through its centre; numbered from 1 in messages, as papers do.
-
-    distance     of every part's centre from the motor's centre [m]
-    directions   (k, 3) unit vectors to the parts
-    """
-
-    distance: float
-    directions: Array
-
-    @classmethod
-    def of_rings(cls, distance: float, rings: Sequence[PartRing]) -> Layout:
-        """The parts of all rings, in order."""
-        return cls(distance, np.concatenate([ring.directions() for ring in rings]))
-
-    def __len__(self) -> int:
-        return len(self.directions)
-
-    @property
-    def positions(self) -> Array:
-        """(k, 3) centres [m]."""
-        positions: Array = self.distance * self.directions
-        return positions
-
-    @property
-    def frames(self) -> Array:
-        """(k, 3, 3) rotation from a part's own frame (its axis +z) to the layout's frame."""
-        return spherical_frames(self.directions)
-
-
-def spherical_frames(directions: Array) -> Array:
-    """(k, 3, 3) rotations whose columns are the directions ϑ̂ (southward), φ̂ (eastward) and r̂ at `directions` (k, 3).
-
-    At the poles φ̂ = ŷ.
-
-    >>> spherical_frames(np.array([[1.0, 0, 0]]))[0].tolist()
-    [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
-    """
-    r = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    east = np.stack([-r[:, 1], r[:, 0], np.zeros(len(r))], axis=1)
-    length = np.linalg.norm(east, axis=1, keepdims=True)
-    east = np.where(length > 1e-12, east / np.maximum(length, 1e-12), [0.0, 1.0, 0.0])
-    frames: Array = np.stack([np.cross(east, r), east, r], axis=2) + 0.0
-    return frames
-
-
-def alternate_signs(counts: Sequence[int], pattern: str) -> Array:
-    """(Σ counts,) signs ±1 of the magnets of neighbouring rings, the first of them outward.
-
-    "checkerboard" alternates along a ring and from ring to ring, as the distances say (along a ring and across the two
-    rings neighbours are equally far apart); "in-phase" alternates along every ring alike (erratum E4).
-
-    Raises InputError for another pattern.
-
-    >>> alternate_signs([4, 4], "checkerboard").tolist()
-    [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
-    """
-    if pattern not in ("checkerboard", "in-phase"):
-        raise InputError(f"polarity must be 'checkerboard', 'in-phase' or a list of +1 and −1; got {pattern!r}")
-    rings = []
-    for number, count in enumerate(counts):
-        signs = 1.0 - 2.0 * (np.arange(count) % 2)
-        rings.append(-signs if pattern == "checkerboard" and number % 2 else signs)
-    return np.concatenate(rings)
-
-
-# --------------------------------------------------------------------------------------------------
 # The parts of a spherical motor that make field and torque, as every model takes them.
 
 
@@ -336,61 +230,6 @@ class MotorParts(Protocol):
     @property
     def coil_model(self) -> MultipoleSource | None:
         """The published model of one coil, per ampere."""
-
-
-# --------------------------------------------------------------------------------------------------
-# The weight-compensating regulator: two opposed magnet rings whose repulsion holds the rotor up.
-#
-# Bai 2012 §3 describes it and gives no numbers. Here: one ring on the stator, one on the rotor, both about the z axes
-# of their parts. By symmetry the torque about the centre is τ(cos tilt) along ẑ_R × Ẑ: one function of one cosine,
-# tabulated once from the exact forces between the rings.
-
-
-_NODES = 14  #: tilts at which the exact torque is taken; the polynomial through them is good to 1e-6
-
-
-@dataclass(frozen=True)
-class Regulator:
-    """Two coaxial magnet rings, polarized against each other; heights are along the z axis of the part they sit on."""
-
-    stator_ring: RingMagnet
-    stator_height: float  #: [m]
-    rotor_ring: RingMagnet  #: polarized along the rotor's −z where the stator's is along +Z
-    rotor_height: float  #: [m]
-    greatest_tilt: float  #: [rad] up to which the torque is tabulated
-
-    def torque(self, tilt: float) -> float:
-        """Restoring torque [N·m] at `tilt` [rad], exact: positive where it turns the rotor back upright."""
-        c, s = np.cos(tilt), np.sin(tilt)
-        turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])  # the rotor's z leans towards X
-        flipped = turn @ np.diag([1.0, -1.0, -1.0])
-        above = np.array([0.0, 0.0, self.stator_height])
-        place = self.rotor_height * turn[:, 2] - above
-        on_rotor = wrench(self.stator_ring, self.rotor_ring, place, flipped, about=-above, precision=1e-7)
-        return float(-on_rotor.value[4])
-
-    @cached_property
-    def series(self) -> tuple[Array, float]:
-        """(14,) Chebyshev coefficients of torque over sin(tilt) [N·m], and the least cosine: for `torque_over_sine`."""
-        low = float(np.cos(self.greatest_tilt))
-        node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-        cosine = 0.5 * (1 + low) + 0.5 * (1 - low) * node
-        tilts = np.arccos(cosine)
-        values = np.array([self.torque(tilt) for tilt in tilts]) / np.sin(tilts)
-        return np.asarray(chebyshev.chebfit(node, values, _NODES - 1)), low
-
-
-@kernel
-def torque_over_sine(cosine: float, coefficients: Array, least: float) -> float:
-    """Torque over sin(tilt) [N·m], positive where it turns the rotor back upright: Σ a_n T_n by Clenshaw's recurrence.
-
-    coefficients (n,) [N·m] over cos(tilt) from `least` to 1; held constant beyond.
-    """
-    x = (2.0 * max(cosine, least) - (1.0 + least)) / (1.0 - least)
-    value, carry = 0.0, 0.0
-    for n in range(coefficients.shape[0] - 1, 0, -1):
-        value, carry = coefficients[n] + 2.0 * x * value - carry, value
-    return float(coefficients[0] + x * value - carry)
 
 
 # --------------------------------------------------------------------------------------------------
