@@ -20,9 +20,9 @@ from time import monotonic, perf_counter, sleep
 import numpy as np
 
 from haptorb.control.array_allocation import array_choice
-from haptorb.devices import coil_array
 from haptorb.devices.base import Coils, State, rotation_to_axis
 from haptorb.devices.coil_array import CoilArray, PlacedCoils
+from haptorb.devices.coil_array_wrench_map import RULES, array_wrench
 from haptorb.devices.loader import load
 from haptorb.recording.row import STAGES, RowLayout
 from haptorb.runtime.servo import Servo
@@ -77,13 +77,13 @@ def best_of(call, repeats: int = 5) -> float:  # type: ignore[no-untyped-def]
 def find_error(device: CoilArray, states: list[State]) -> float:
     """Greatest relative difference from a map with many charges everywhere."""
     fine = np.hstack([magnet.charges(20, 80) for magnet in device.tool.magnets])
-    rules = len(coil_array.RULES)
+    rules = len(RULES)
     spans = fine.shape[1] * np.arange(rules + 1)[None, :]
     many = device.magnetics._replace(charges=np.ascontiguousarray(np.tile(fine, rules)), spans=spans)
     worst, matrix, passive, pose = 0.0, np.empty((6, device.channels)), np.empty(6), np.empty((4, 3))
     for state in states:
         pose[:3], pose[3] = state.R_SR, state.p
-        coil_array.array_wrench(many, pose, matrix, passive)
+        array_wrench(many, pose, matrix, passive)
         off = np.abs(device.wrench_map(state, "exact").matrix - matrix)
         for part in (slice(0, 3), slice(3, 6)):
             worst = max(worst, float(off[part].max() / np.linalg.norm(matrix[part], axis=0).max()))
