@@ -16,7 +16,7 @@ import numpy as np
 
 from haptorb.arrays import Record, Records
 from haptorb.compiled import kernel
-from haptorb.control.guard import SILENCE
+from haptorb.control.missed_deadlines import SILENCE
 from haptorb.thermal import warm_ratio
 
 __all__ = ["observe_heat", "remaining_time"]

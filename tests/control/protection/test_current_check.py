@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from haptorb.control.drive import check_currents
-from haptorb.control.guard import make_clock, make_coils
+from haptorb.control.guard import make_coils
+from haptorb.control.missed_deadlines import make_clock
 
 from .protected import DT, OMNI
 

@@ -11,7 +11,7 @@ from typing import Protocol, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.guard import silence_of
+from haptorb.control.missed_deadlines import silence_of
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, InputError

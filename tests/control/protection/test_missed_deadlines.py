@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptorb.control.guard import SILENCE, advance_clock, make_clock, silence_of
+from haptorb.control.missed_deadlines import SILENCE, advance_clock, make_clock, silence_of
 
 DT = 1e-3
 
