@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from enum import IntEnum
 from typing import Final, final
 
 import numpy as np
 from numpy import ascontiguousarray
 from numpy.typing import ArrayLike
 
-from haptorb.arrays import Array, Record, Records, check_finite, fields, record
+from haptorb.arrays import Array, Records, check_finite, fields, record
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.control.limited_currents import solve_compromise
+from haptorb.control.limited_currents import (
+    SATURATIONS,
+    WRENCH_LIMITS,
+    Saturation,
+    scale_to_limits,
+    scale_to_power,
+    solve_compromise,
+)
 from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, WrenchMap
@@ -24,14 +30,11 @@ from haptorb.worlds.base import PARTS, World, WrenchPart
 
 __all__ = [
     "PART_NUMBERS",
-    "SATURATIONS",
     "TORQUE_ARM",
-    "WRENCH_LIMITS",
     "Allocation",
     "Allocator",
     "LeastSquaresAllocator",
     "MinimumPowerAllocator",
-    "Saturation",
     "WholeWrenchAllocator",
     "WrenchChoice",
     "arm_allocator",
@@ -41,8 +44,6 @@ __all__ = [
     "check_power",
     "check_problem",
     "force_allocator",
-    "hold_limits",
-    "hold_power",
     "is_missing",
     "least_squares_currents",
     "part_remarks",
@@ -53,44 +54,6 @@ __all__ = [
 ]
 
 
-class Saturation(IntEnum):
-    """Limit that reduces the allocated wrench; the numbers are stored in recordings and never change."""
-
-    NONE = 0
-    CURRENT = 1  #: a coil's current limit
-    POWER = 2  #: the supply's power limit
-    ALONG = 3  #: the guard's limit on the accompanying force or torque
-    AXIS = 4  #: no current produces a torque about the magnet's own axis of a tool
-    COILS = 5  #: too few coils for force and torque at once: weighted compromise
-
-    @property
-    def text(self) -> str:
-        """Description of the active limit; empty for none.
-
-        >>> Saturation.POWER.text
-        "the supply's power limit"
-        """
-        return _TEXTS[self]
-
-    @property
-    def is_limit(self) -> bool:
-        """Whether a higher limit would give a larger wrench in the same direction.
-
-        >>> Saturation.CURRENT.is_limit, Saturation.COILS.is_limit
-        (True, False)
-        """
-        return self in (Saturation.CURRENT, Saturation.POWER, Saturation.ALONG)
-
-
-_TEXTS = (
-    "",
-    "a coil's current limit",
-    "the supply's power limit",
-    "the limit of the accompanying force",
-    "the magnet's own axis, about which there is no torque",
-    "the number of coils, too few for force and torque together",
-)
-SATURATIONS = tuple(Saturation)  #: indexed by number: much faster than calling the class
 _FLOAT = np.dtype(np.float64)  #: comparing with a stored dtype is faster than constructing it
 
 
@@ -201,30 +164,6 @@ def solve_problem(
     if scale != scale:
         raise InputError(f"wrench and wrench map must be finite; got wrench {wrench!r}, map {wrench_map!r}")
     return Allocation(currents, residual, SATURATIONS[reason], scale)
-
-
-# --------------------------------------------------------------------------------------------------
-# Power limit of the supply: all currents are scaled by one common factor, which preserves their direction.
-
-
-_HAIR = 1.0 - 1e-12  #: margin: the rounded sum of squares also stays below the limit
-
-
-@kernel
-def hold_power(currents: Array, resistance: Array, power: float) -> float:
-    """Scale `currents` (m,) [A] so that Σ R i² with `resistance` (m,) [Ω] is at most `power` [W]; returns the factor.
-
-    A wrench is linear in the currents: scaling them preserves its direction.
-    """
-    total = 0.0
-    for j in range(currents.size):
-        total += resistance[j] * currents[j] * currents[j]
-    if not total > power:
-        return 1.0
-    scale = np.sqrt(power / total) * _HAIR
-    for j in range(currents.size):
-        currents[j] *= scale
-    return float(scale)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -385,7 +324,7 @@ def _least_squares_allocate(
             target[i] = np.nan
     scale = least_squares_currents(matrix, target, s.weights, limit, s.truncation, s.damping, currents)
     reason = _LEAST_SQUARES_CURRENT if scale < 1.0 else 0
-    share = hold_power(currents, resistance, s.power)  # safety: supply-power-of-forces
+    share = scale_to_power(currents, resistance, s.power)  # safety: supply-power-of-forces
     if share < 1.0:
         scale *= share
         reason = _LEAST_SQUARES_POWER
@@ -507,7 +446,7 @@ def _minimum_power_allocate(
     for j in range(currents.shape[0]):
         if limit[j] > 0.0 and abs(currents[j]) >= limit[j]:
             reason = _MINIMUM_POWER_CURRENT
-    share = hold_power(currents, resistance, power)  # safety: supply-power-of-motors
+    share = scale_to_power(currents, resistance, power)  # safety: supply-power-of-motors
     if share < 1.0:
         scale *= share
         reason = _MINIMUM_POWER_POWER
@@ -571,18 +510,11 @@ class MinimumPowerAllocator(Allocator):
 
 
 # --------------------------------------------------------------------------------------------------
-# Limits on the total wrench: the supply's power, and force and torque on the mover.
+# Request and residual of a wrench: the part that the passive wrench leaves, and what is reported as missing.
 
 
-_WRENCH_LIMITS_POWER, _ALONG = int(Saturation.POWER), int(Saturation.ALONG)
 _MISSING = 0.02  #: share of the commanded wrench that may be missing without being reported
 _MIN_FADED = (1e-3, 1e-5)  #: force [N] and torque [N·m] below which a missing part is never reported
-
-WRENCH_LIMITS = fields(
-    ("power", "f8"),  # of the supply [W]
-    ("force", "f8"),  # limit on the mover [N]
-    ("torque", "f8"),  # limit on the mover [N·m]
-)
 
 
 def check_greatest(greatest: tuple[float, float]) -> tuple[float, float]:
@@ -602,51 +534,6 @@ def subtract_passive(matrix: Array, passive: Array, wrench: Array, target: Array
         for j in range(matrix.shape[1]):
             total += matrix[i, j]
     return bool(np.isfinite(total))
-
-
-@kernel
-def _share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
-    """Largest factor on `active` (6,), at most 1, for which three of its components plus `passive` stay within
-    `greatest`; 0 where the passive wrench alone exceeds it."""
-    a, b, c = 0.0, 0.0, -greatest * greatest
-    for i in range(first, first + 3):
-        a += active[i] * active[i]
-        b += active[i] * passive[i]
-        c += passive[i] * passive[i]
-    if a + 2.0 * b + c <= 0.0:
-        return 1.0
-    if c >= 0.0 or a == 0.0:
-        return 0.0
-    return float(min(1.0, (np.sqrt(b * b - a * c) - b) / a))
-
-
-@kernel
-def hold_limits(
-    matrix: Array, passive: Array, target: Array, resistance: Array, limits: Record, currents: Array, residual: Array,
-    scale: float, reason: int,
-) -> tuple[float, int]:  # fmt: skip
-    """Scale currents (m,) [A] to meet `limits`, a WRENCH_LIMITS; fill residual (6,): target (6,) minus result.
-
-    Returns the updated `scale` and `reason`.
-    """
-    m = matrix.shape[1]
-    share = hold_power(currents, resistance, limits.power)  # safety: supply-power-of-wrenches
-    if share < 1.0 - 1e-6:
-        scale *= share
-        reason = _WRENCH_LIMITS_POWER
-    active = np.zeros(6)
-    for i in range(6):
-        for j in range(m):
-            active[i] += matrix[i, j] * currents[j]
-    share = min(_share_within(passive, active, 0, limits.force), _share_within(passive, active, 3, limits.torque))
-    if share < 1.0:  # safety: what-comes-along-is-limited
-        scale *= share
-        reason = _ALONG
-        for j in range(m):
-            currents[j] *= share
-    for i in range(6):
-        residual[i] = target[i] - share * active[i]
-    return scale, reason
 
 
 @kernel
@@ -721,7 +608,7 @@ def _whole_wrench_allocate(
         scale = least_squares_currents(matrix, target, _TURNED, limit, _TRUNCATION, 0.0, currents)
         if scale < 1.0:
             reason = _WHOLE_WRENCH_CURRENT
-    scale, reason = hold_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
+    scale, reason = scale_to_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
     if reason == 0:
         for part in range(0 if s.together else 1, 2):
             if is_missing(residual, wrench, part):

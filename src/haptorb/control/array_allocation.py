@@ -11,20 +11,18 @@ from haptorb.arrays import Array, Records, fields
 from haptorb.compiled import kernel
 from haptorb.control.allocation import (
     TORQUE_ARM,
-    WRENCH_LIMITS,
     Allocation,
     Allocator,
-    Saturation,
     WrenchChoice,
     check_arm,
     check_greatest,
     check_limit,
     check_power,
-    hold_limits,
     is_missing,
     solve_problem,
     subtract_passive,
 )
+from haptorb.control.limited_currents import WRENCH_LIMITS, Saturation, scale_to_limits
 from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power, solve_least_heat
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.coil_array import CoilArray
@@ -65,7 +63,7 @@ def _allocate(
     for j in range(m):
         if limit[j] > 0.0 and abs(currents[j]) >= limit[j]:
             reason = _CURRENT
-    scale, reason = hold_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
+    scale, reason = scale_to_limits(matrix, passive, target, resistance, s.limits, currents, residual, scale, reason)
     if reason == 0 and not s.force_only:
         for part in range(2):
             if s.weights[3 * part] > 0.0 and is_missing(residual, wrench, part):

@@ -1,22 +1,151 @@
-"""What currents within their limits can give: how far they reach, and the nearest torque or wrench beyond it."""
+"""Currents within the limits of coils, supply and wrench: scaled to them, and how far they can reach."""
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, Record, fields
 from haptorb.box_qp import solve_box
-from haptorb.compiled import exact_kernel
+from haptorb.compiled import exact_kernel, kernel
 
 __all__ = [
     "AT_CURRENT",
     "AT_POWER",
     "FREE",
+    "SATURATIONS",
+    "WRENCH_LIMITS",
+    "Saturation",
     "find_reach",
     "reach",
+    "scale_to_limits",
+    "scale_to_power",
     "solve_compromise",
     "zonotope_nearest",
 ]
+
+
+class Saturation(IntEnum):
+    """Limit that reduces the allocated wrench; the numbers are stored in recordings and never change."""
+
+    NONE = 0
+    CURRENT = 1  #: a coil's current limit
+    POWER = 2  #: the supply's power limit
+    ALONG = 3  #: the guard's limit on the accompanying force or torque
+    AXIS = 4  #: no current produces a torque about the magnet's own axis of a tool
+    COILS = 5  #: too few coils for force and torque at once: weighted compromise
+
+    @property
+    def text(self) -> str:
+        """Description of the active limit; empty for none.
+
+        >>> Saturation.POWER.text
+        "the supply's power limit"
+        """
+        return _TEXTS[self]
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether a higher limit would give a larger wrench in the same direction.
+
+        >>> Saturation.CURRENT.is_limit, Saturation.COILS.is_limit
+        (True, False)
+        """
+        return self in (Saturation.CURRENT, Saturation.POWER, Saturation.ALONG)
+
+
+_TEXTS = (
+    "",
+    "a coil's current limit",
+    "the supply's power limit",
+    "the limit of the accompanying force",
+    "the magnet's own axis, about which there is no torque",
+    "the number of coils, too few for force and torque together",
+)
+SATURATIONS = tuple(Saturation)  #: indexed by number: much faster than calling the class
+
+
+# --------------------------------------------------------------------------------------------------
+# Power limit of the supply: all currents are scaled by one common factor, which preserves their direction.
+
+
+_HAIR = 1.0 - 1e-12  #: margin: the rounded sum of squares also stays below the limit
+
+
+@kernel
+def scale_to_power(currents: Array, resistance: Array, power: float) -> float:
+    """Scale `currents` (m,) [A] so that Σ R i² with `resistance` (m,) [Ω] is at most `power` [W]; returns the factor.
+
+    A wrench is linear in the currents: scaling them preserves its direction.
+    """
+    total = 0.0
+    for j in range(currents.size):
+        total += resistance[j] * currents[j] * currents[j]
+    if not total > power:
+        return 1.0
+    scale = np.sqrt(power / total) * _HAIR
+    for j in range(currents.size):
+        currents[j] *= scale
+    return float(scale)
+
+
+# --------------------------------------------------------------------------------------------------
+# Limits on the whole wrench: the supply's power, and force and torque on the mover.
+
+
+_POWER, _ALONG = int(Saturation.POWER), int(Saturation.ALONG)
+
+WRENCH_LIMITS = fields(
+    ("power", "f8"),  # of the supply [W]
+    ("force", "f8"),  # limit on the mover [N]
+    ("torque", "f8"),  # limit on the mover [N·m]
+)
+
+
+@kernel
+def _share_within(passive: Array, active: Array, first: int, greatest: float) -> float:
+    """Largest factor on `active` (6,), at most 1, for which three of its components plus `passive` stay within
+    `greatest`; 0 where the passive wrench alone exceeds it."""
+    a, b, c = 0.0, 0.0, -greatest * greatest
+    for i in range(first, first + 3):
+        a += active[i] * active[i]
+        b += active[i] * passive[i]
+        c += passive[i] * passive[i]
+    if a + 2.0 * b + c <= 0.0:
+        return 1.0
+    if c >= 0.0 or a == 0.0:
+        return 0.0
+    return float(min(1.0, (np.sqrt(b * b - a * c) - b) / a))
+
+
+@kernel
+def scale_to_limits(
+    matrix: Array, passive: Array, target: Array, resistance: Array, limits: Record, currents: Array, residual: Array,
+    scale: float, reason: int,
+) -> tuple[float, int]:  # fmt: skip
+    """Scale currents (m,) [A] to meet `limits`, a WRENCH_LIMITS; fill residual (6,): target (6,) minus result.
+
+    Returns the updated `scale` and `reason`.
+    """
+    m = matrix.shape[1]
+    share = scale_to_power(currents, resistance, limits.power)  # safety: supply-power-of-wrenches
+    if share < 1.0 - 1e-6:
+        scale *= share
+        reason = _POWER
+    active = np.zeros(6)
+    for i in range(6):
+        for j in range(m):
+            active[i] += matrix[i, j] * currents[j]
+    share = min(_share_within(passive, active, 0, limits.force), _share_within(passive, active, 3, limits.torque))
+    if share < 1.0:  # safety: what-comes-along-is-limited
+        scale *= share
+        reason = _ALONG
+        for j in range(m):
+            currents[j] *= share
+    for i in range(6):
+        residual[i] = target[i] - share * active[i]
+    return scale, reason
 
 
 # --------------------------------------------------------------------------------------------------
@@ -282,7 +411,8 @@ def zonotope_nearest(Q: Array, t: Array, limit: Array) -> None:
 # the power falls as λ rises.
 
 
-FREE, AT_CURRENT, AT_POWER = 0, 1, 2  #: active limit at the solution
+#: active limit at the solution
+FREE, AT_CURRENT, AT_POWER = int(Saturation.NONE), int(Saturation.CURRENT), int(Saturation.POWER)
 
 _COMPROMISE_STEPS = 30
 _COMPROMISE_TOLERANCE = 1e-11  #: of a current, relative to the largest

@@ -18,8 +18,9 @@ import numpy as np
 from haptorb.arrays import Array, Records, StateArray, Stateful, choose, make_block, make_numbers
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.compiled import load_compiler as load_compiler
-from haptorb.control.allocation import PART_NUMBERS, Allocation, Allocator, Saturation, WrenchChoice
+from haptorb.control.allocation import PART_NUMBERS, Allocation, Allocator, WrenchChoice
 from haptorb.control.gripper import GripperGuard
+from haptorb.control.limited_currents import Saturation
 from haptorb.control.linkage import MODES, Direct, Linkage, Mode, RenderedWrench
 from haptorb.control.protection import Protection
 from haptorb.control.trip_reasons import Trip

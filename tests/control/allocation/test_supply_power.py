@@ -8,13 +8,12 @@ import pytest
 from haptorb.control.allocation import (
     LeastSquaresAllocator,
     MinimumPowerAllocator,
-    Saturation,
     force_allocator,
-    hold_power,
     tool_choice,
     torque_allocator,
 )
 from haptorb.control.array_allocation import array_choice
+from haptorb.control.limited_currents import Saturation, scale_to_power
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
@@ -94,7 +93,7 @@ def test_the_least_heat_for_a_torque_decides_and_not_the_greatest_current():
 
 def test_without_a_limit_nothing_is_scaled():
     currents = np.array([1e200, 1.0])
-    assert hold_power(currents, np.ones(2), np.inf) == 1.0
+    assert scale_to_power(currents, np.ones(2), np.inf) == 1.0
     assert currents[0] == 1e200
     assert PMSM.supply.power == np.inf
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from haptorb.control.allocation import TORQUE_ARM, Saturation, WholeWrenchAllocator, check_arm, tool_choice
-from haptorb.control.limited_currents import AT_CURRENT, AT_POWER, FREE, solve_compromise
+from haptorb.control.allocation import TORQUE_ARM, WholeWrenchAllocator, check_arm, tool_choice
+from haptorb.control.limited_currents import AT_CURRENT, AT_POWER, FREE, Saturation, solve_compromise
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
