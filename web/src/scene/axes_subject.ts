@@ -6,6 +6,7 @@ import type { Sample, Vector } from "../sample";
 import type { Scene, Session } from "../session";
 import { css, onThemeChange } from "../theme";
 import { Arrow } from "./arrow";
+import { intersectPlane } from "./drag";
 import { Goal } from "./goal";
 import { Marker, type Mover } from "./mover_drawing";
 import { chips, partsOf, placePart } from "./parts";
@@ -140,10 +141,9 @@ export class AxesSubject implements Subject {
   /** In the plane through the marker that faces the camera. */
   drag(x: number, y: number): Wish {
     this.grasped = true;
-    const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
+    const ray = this.stage.ray(x + this.slip.x, y + this.slip.y);
     const facing = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 2);
-    const to = this.wish.clone().multiplyScalar(MM).sub(from);
-    this.wish.copy(from.addScaledVector(along, to.dot(facing) / along.dot(facing))).divideScalar(MM);
+    this.wish.copy(intersectPlane(ray, this.wish.clone().multiplyScalar(MM), facing)).divideScalar(MM);
     return this.currentWish();
   }
 

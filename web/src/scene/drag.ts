@@ -1,12 +1,33 @@
-// Mouse, pen and touch on the picture: on the stylus they drag it, beside it they turn and zoom the view.
+// Mouse, pen and touch on the picture: on the stylus they drag it, beside it they turn and zoom the view. A place on the
+// screen becomes one in space where the ray from the camera meets the surface along which the tool is dragged.
 
+import type { Vector3 } from "three";
 import type { Orbit } from "./orbit";
+import type { Ray } from "./stage";
 import type { Subject, Wish } from "./subject";
 
 const MOUSE = 24; // px around the stylus that take hold
 const TOUCH = 44;
 const NOTCH = 1; // mm per notch of the wheel
 const OFTEN = 4; // ms between two places that are passed on at once
+
+/** Where a ray meets a sphere about the origin; beside the sphere its nearest outline counts. */
+export function intersectSphere({ from, along }: Ray, radius: number): Vector3 {
+  const b = from.dot(along);
+  const inside = b * b - from.lengthSq() + radius * radius;
+  return from.clone().addScaledVector(along, inside > 0 ? -b - Math.sqrt(inside) : -b);
+}
+
+/** Where a ray meets the level plane at `height`; null beside the horizon, where there is no place to go to. */
+export function intersectLevelPlane({ from, along }: Ray, height: number): Vector3 | null {
+  const far = (height - from.z) / along.z;
+  return Number.isFinite(far) && far > 0 ? from.clone().addScaledVector(along, far) : null;
+}
+
+/** Where a ray meets the plane through `point` with this normal. */
+export function intersectPlane({ from, along }: Ray, point: Vector3, normal: Vector3): Vector3 {
+  return from.clone().addScaledVector(along, point.clone().sub(from).dot(normal) / along.dot(normal));
+}
 
 export interface Hold {
   /** the hand moved to `wish` at `stamp` [ms]; `held` is false at the moment of letting go */

@@ -17,6 +17,7 @@ import type { Sample } from "../sample";
 import type { PlateScene, Session } from "../session";
 import { css, mapped, onThemeChange } from "../theme";
 import { AxesSubject } from "./axes_subject";
+import { intersectLevelPlane } from "./drag";
 import { ArrayTool } from "./mover_drawing";
 import { partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
@@ -116,13 +117,8 @@ export class PlateSubject extends AxesSubject {
   /** In the level plane through the tool. */
   override drag(x: number, y: number): Wish {
     this.grasped = true;
-    const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
-    const far = (this.wish.z * MM - from.z) / along.z;
-    // Beside the horizon there is no place to go to.
-    if (Number.isFinite(far) && far > 0) {
-      const to = from.addScaledVector(along, far).divideScalar(MM);
-      this.wish.set(to.x, to.y, this.wish.z);
-    }
+    const to = intersectLevelPlane(this.stage.ray(x + this.slip.x, y + this.slip.y), this.wish.z * MM)?.divideScalar(MM);
+    if (to) this.wish.set(to.x, to.y, this.wish.z);
     return this.boundWish();
   }
 

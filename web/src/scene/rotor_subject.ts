@@ -4,6 +4,7 @@ import { Vector3 } from "three";
 import type { Sample, Vector } from "../sample";
 import type { MotorScene, Session } from "../session";
 import { Arrow } from "./arrow";
+import { intersectSphere } from "./drag";
 import { Goal } from "./goal";
 import { Rotor } from "./rotor";
 import type { Stage } from "./stage";
@@ -123,12 +124,7 @@ export class RotorSubject implements Subject {
 
   drag(x: number, y: number): Wish {
     this.grasped = true;
-    const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
-    const radius = this.handle * MM;
-    const b = from.dot(along);
-    const inside = b * b - from.lengthSq() + radius * radius;
-    // Beside the sphere its nearest outline counts.
-    this.aimAt(from.addScaledVector(along, inside > 0 ? -b - Math.sqrt(inside) : -b));
+    this.aimAt(intersectSphere(this.stage.ray(x + this.slip.x, y + this.slip.y), this.handle * MM));
     return this.currentWish();
   }
 

@@ -17,6 +17,12 @@ import { DETAIL, type Level } from "./governor";
 import { Patch } from "./patch";
 import type { Screen } from "./sketch";
 
+/** From `from` [mm] in the unit direction `along`. */
+export interface Ray {
+  from: Vector3;
+  along: Vector3;
+}
+
 const STILL = 0;
 const MOVING = 1; // the layers of what stands still and of what moves
 const SETTLE = 150; // ms without a change after which what stands still is worth keeping
@@ -154,7 +160,7 @@ export class Stage {
   }
 
   /** From the camera through a place on the canvas: origin and unit direction. */
-  ray(x: number, y: number): { from: Vector3; along: Vector3 } {
+  ray(x: number, y: number): Ray {
     const far = new Vector3((x / this.size.width) * 2 - 1, 1 - (y / this.size.height) * 2, 0.5);
     far.unproject(this.camera);
     return { from: this.camera.position.clone(), along: far.sub(this.camera.position).normalize() };

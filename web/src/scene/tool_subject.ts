@@ -6,6 +6,7 @@ import type { Session, DomeScene } from "../session";
 import type { ForceMap, Mesh } from "../wire";
 import { Arrow } from "./arrow";
 import { Body } from "./body";
+import { intersectSphere } from "./drag";
 import { ForceDome } from "./force_dome";
 import { Goal } from "./goal";
 import type { Stage } from "./stage";
@@ -155,12 +156,7 @@ export class ToolSubject implements Subject {
 
   drag(x: number, y: number): Wish {
     this.grasped = true;
-    const { from, along } = this.stage.ray(x + this.slip.x, y + this.slip.y);
-    const radius = this.contact + this.lift;
-    const b = from.dot(along);
-    const inside = b * b - from.lengthSq() + radius * radius;
-    // Beside the sphere its nearest outline counts.
-    this.aimAt(from.addScaledVector(along, inside > 0 ? -b - Math.sqrt(inside) : -b));
+    this.aimAt(intersectSphere(this.stage.ray(x + this.slip.x, y + this.slip.y), this.contact + this.lift));
     return this.currentWish();
   }
 
