@@ -29,7 +29,7 @@ from serve.served_run import ServedRun
 CLIENTS = Path(__file__).resolve().parents[1] / "examples" / "clients"
 SUBPROTOCOL = [Subprotocol("foxglove.sdk.v1")]
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,15 @@ import pytest
 from oracles.program_runner import ProgramRunner
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("*.py"))
+#: examples that compute for four seconds and more: they run at night, and their notebooks are compared in every suite
+LONG = ("02_", "04_", "05_")
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def _mark(example: Path) -> object:
+    return pytest.param(example, marks=[pytest.mark.slow] if example.name.startswith(LONG) else [], id=example.stem)
+
+
+@pytest.mark.parametrize("example", [*map(_mark, EXAMPLES)])
 def test_example_runs_and_ends_in_an_assertion(example: Path, tmp_path: Path, programs: ProgramRunner) -> None:
     assert re.match(r"\d\d_\w+\.py", example.name)
     assert isinstance(ast.parse(example.read_text(encoding="utf-8")).body[-1], ast.Assert)

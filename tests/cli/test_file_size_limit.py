@@ -15,7 +15,8 @@ from oracles.made_recording import make_recording
 @pytest.mark.parametrize(
     ("limit_kib", "words"),
     [
-        (4, "run omni --headless --duration 0.1"),  # the plan of the servo's process
+        # the plan of the servo's process
+        pytest.param(4, "run omni --headless --duration 0.1", marks=pytest.mark.slow),
         (300, "run omni --headless --duration 0.1"),  # shared memory
         (8, "export run.mcap --to csv -o table.csv"),
         (1, "study new study.toml"),

@@ -146,6 +146,7 @@ class MyWorld(World):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_a_whole_run_in_a_poisoned_folder_renders_the_users_own_world(poisoned: Path) -> None:
     """Servo, recorder, server, and what computes beside; with modules of the user's in the same folder."""

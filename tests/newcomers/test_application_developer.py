@@ -116,11 +116,13 @@ def test_she_feels_her_function_and_reads_it_by_name(shell: NewcomerShell) -> No
     assert shell.list_running() == []
 
 
+@pytest.mark.slow
 def test_her_event_loop_goes_on(shell: NewcomerShell) -> None:
     assert "ticks while it started" in shell.run("python event_loop.py").stdout
     assert shell.list_running() == []
 
 
+@pytest.mark.slow
 def test_her_bug_is_told_with_its_line_and_nothing_is_left(shell: NewcomerShell) -> None:
     said = shell.run("python bug.py", code=1).stderr
     assert "WorldError: world 'sticky' failed: wrench must return an array of 6 numbers" in said
@@ -129,6 +131,7 @@ def test_her_bug_is_told_with_its_line_and_nothing_is_left(shell: NewcomerShell)
     assert shell.list_running() == []
 
 
+@pytest.mark.slow
 def test_her_mistakes_are_told_and_her_exception_ends_it_cleanly(shell: NewcomerShell) -> None:
     said = shell.run("python mistakes.py", code=1).stderr
     assert said.rstrip().endswith("ZeroDivisionError: division by zero")

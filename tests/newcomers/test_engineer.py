@@ -150,6 +150,7 @@ def test_she_checks_her_device_with_a_world(shell):
     assert (told["verdict"] == "outside") is (code == 1)
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_she_runs_her_device_for_a_second(shell):
     run = subprocess.run(

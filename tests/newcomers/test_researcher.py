@@ -71,6 +71,7 @@ def shell(tmp_path: Path) -> NewcomerShell:
     return NewcomerShell(tmp_path)
 
 
+@pytest.mark.slow
 def test_she_runs_and_checks_her_world(shell: NewcomerShell) -> None:
     line = "haptorb run --world hill.py:Hill --set push='150 mN' --headless --duration 0.5 --record hill.mcap --json"
     report = json.loads(shell.run(line).stdout)
@@ -102,6 +103,7 @@ def test_her_mistakes_are_told_before_anything_starts(shell: NewcomerShell) -> N
     assert shell.list_running() == []
 
 
+@pytest.mark.slow
 def test_she_rehearses_a_study_with_her_world_and_reads_its_results(shell: NewcomerShell) -> None:
     assert "about 1 min" in shell.run("haptorb study check hills.toml").stderr
     shell.run(f"haptorb study simulate hills.toml --db hills.db --participants {PEOPLE}")

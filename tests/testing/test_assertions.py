@@ -193,12 +193,14 @@ def run_pytest(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ, cwd=folder)
 
 
+@pytest.mark.slow
 def test_the_example_is_a_suite_that_passes(root: Path) -> None:
     done = run_pytest(root / "examples" / "testing")
     assert done.returncode == 0, done.stdout
     assert "2 passed" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_in_real_time_the_force_is_that_of_the_stepped_loop(tmp_path: Path) -> None:
     hand = scripted_hand(ONTO)

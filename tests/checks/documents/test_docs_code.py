@@ -17,11 +17,13 @@ CODE = re.compile(r"^```python\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 WITH_CODE = [path for path in PAGES if CODE.search(path.read_text(encoding="utf-8"))]
 #: of the pages that start servos, the one that runs every day: a servo takes two seconds of a processor to start
 DAILY = ROOT / "docs" / "tutorials" / "dome.md"
+#: pages that compute for three seconds and more; what they call has tests of its own
+LONG = tuple(ROOT / "docs" / "how-to" / f"{name}.md" for name in ("design", "error-budget", "guidance"))
 
 
 def _mark(page: Path) -> object:
     starts = any("Servo(" in code for code in CODE.findall(page.read_text(encoding="utf-8")))
-    marks = [pytest.mark.slow] if starts and page != DAILY else []
+    marks = [pytest.mark.slow] if (starts and page != DAILY) or page in LONG else []
     return pytest.param(page, marks=marks, id=str(page.relative_to(ROOT)))
 
 

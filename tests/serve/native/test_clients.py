@@ -37,6 +37,7 @@ def run_client(package: str, libraries: Path, run: ServedRun, tmp_path: Path, so
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
+@pytest.mark.slow
 def test_forcedimension_core(libraries: Path, tmp_path: Path) -> None:
     """Open, 4 kHz of poses, a sphere below the tool and a wall beside it, buttons, close."""
     source = """

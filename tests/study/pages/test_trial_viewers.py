@@ -52,6 +52,7 @@ def test_a_trial_is_played_at_its_address_until_the_study_ends(viewers, tmp_path
     assert viewers.urls == {}
 
 
+@pytest.mark.slow
 @pytest.mark.realtime(retry=False)
 def test_from_another_computer_the_experimenters_page_leads_to_a_player_that_answers_there(tmp_path):
     """127.0.0.2 is an address of this computer at which nothing listens unless it is asked to."""

@@ -34,7 +34,7 @@ _MODULE = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(_MODULE)
 FakeServo: Any = _MODULE.FakeServo
 
-AMOUNTS = [pytest.param(TEXTS[::48], id="some"), pytest.param(TEXTS, id="all", marks=[pytest.mark.slow])]
+AMOUNTS = [pytest.param(TEXTS[::96], id="some"), pytest.param(TEXTS, id="all", marks=[pytest.mark.slow])]
 DESIGNS = Path(haptorb_study.feel.__file__).with_name("example.toml")
 TRIALS = "[trials]\nrepetitions = 500\npause_seconds = 0.0\n"
 PROCEDURES = {
