@@ -12,7 +12,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from haptorb.arrays import Array, check_finite
-from haptorb.compiled import kernel, tick_kernel
+from haptorb.compiled import kernel, tick_kernel, vector_kernel
 from haptorb.devices.base import Coils, rotation_to_axis
 from haptorb.errors import GeometryError, PrecisionError
 from haptorb.magnetics.coil import CentredCoil, Coil, coil_and_core
@@ -279,7 +279,10 @@ class WoundCoils(NamedTuple):
         return self._replace(terms=terms, axes=np.ascontiguousarray((moments / sizes).T))
 
 
-@kernel
+_LANES = 24  #: charges computed together: those of the magnet in a tick
+
+
+@vector_kernel
 def fill_wound(
     rows: Array, terms: Array, reach: float, nearest: float, axes: Array, centres: Array, p: Array, R: Array, out: Array
 ) -> float:
@@ -288,52 +291,61 @@ def fill_wound(
     Torque about p. Returns the least distance of a charge from the origin [m].
 
     The field of a coil is Σ c_n grad-type terms of P_n(cos θ)/r^(n+1) with odd n about its centre
-    (`current_sheets.zonal`).
+    (`current_sheets.zonal`). Each term follows from the one before, so that a processor waits; many charges side by
+    side take a quarter of the time of one after the other.
     """
     out[:] = 0.0
     closest, least = 1e300, (nearest / reach) ** 2
-    arm, at = np.empty(3), np.empty(3)
-    for n in range(rows.shape[1]):
-        square = 0.0
-        for i in range(3):
-            arm[i] = R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
-            square += (p[i] + arm[i]) * (p[i] + arm[i])
-        closest = min(closest, square)
-        q = rows[3, n] / reach
-        for j in range(axes.shape[0]):
-            square, along = 0.0, 0.0
+    arms, lanes = np.empty((4, _LANES)), np.empty((12, _LANES))
+    for first in range(0, rows.shape[1], _LANES):
+        for s in range(_LANES):
+            n = min(first + s, rows.shape[1] - 1)
+            square = 0.0
             for i in range(3):
-                at[i] = (p[i] + arm[i] - centres[j, i]) / reach
-                square += at[i] * at[i]
-            if square < least:
-                grow = np.sqrt(least / max(square, 1e-30))
-                at[0], at[1], at[2], square = grow * at[0], grow * at[1], grow * at[2], least
-            inverse = 1.0 / square
-            root = np.sqrt(inverse)
-            along = at[0] * axes[j, 0] + at[1] * axes[j, 1] + at[2] * axes[j, 2]
-            z = along * inverse
-            v0, v1 = root, z * root  # Pₙ/rⁿ⁺¹
-            g0, g1 = 0.0, inverse * root  # Pₙ'/rⁿ⁺²
-            over, axial = 0.0, 0.0
+                arms[i, s] = R[i, 0] * rows[0, n] + R[i, 1] * rows[1, n] + R[i, 2] * rows[2, n]
+                square += (p[i] + arms[i, s]) * (p[i] + arms[i, s])
+            closest = min(closest, square)
+            arms[3, s] = rows[3, n] / reach if first + s == n else 0.0  # lanes beyond the last charge add nothing
+        for j in range(axes.shape[0]):
+            for s in range(_LANES):
+                x = (p[0] + arms[0, s] - centres[j, 0]) / reach
+                y = (p[1] + arms[1, s] - centres[j, 1]) / reach
+                z = (p[2] + arms[2, s] - centres[j, 2]) / reach
+                square = x * x + y * y + z * z
+                grow = np.sqrt(least / max(square, 1e-30)) if square < least else 1.0
+                x, y, z, square = grow * x, grow * y, grow * z, least if square < least else square
+                inverse = 1.0 / square
+                root = np.sqrt(inverse)
+                along = x * axes[j, 0] + y * axes[j, 1] + z * axes[j, 2]
+                lanes[0, s], lanes[1, s], lanes[2, s], lanes[3, s] = x, y, z, along
+                lanes[4, s], lanes[5, s] = inverse, along * inverse
+                lanes[6, s], lanes[7, s] = root, along * inverse * root  # Pₙ/rⁿ⁺¹
+                lanes[8, s], lanes[9, s] = 0.0, inverse * root  # Pₙ'/rⁿ⁺²
+                lanes[10, s], lanes[11, s] = 0.0, 0.0
             for k in range(terms.shape[1]):
                 odd = 2 * k + 1
-                v2 = ((2 * odd + 1) * z * v1 - odd * inverse * v0) * _INVERSE[odd]
-                g2 = (g0 + (2 * odd + 1) * v1) * inverse
-                over += terms[j, k] * g2
-                axial += terms[j, k] * (odd + 1) * v2
-                v3 = ((2 * odd + 3) * z * v2 - (odd + 1) * inverse * v1) * _INVERSE[odd + 1]
-                g3 = (g1 + (2 * odd + 3) * v2) * inverse
-                v0, v1, g0, g1 = v2, v3, g2, g3
-            straight = q * (axial - over * along)
-            bx = q * over * at[0] + straight * axes[j, 0]
-            by = q * over * at[1] + straight * axes[j, 1]
-            bz = q * over * at[2] + straight * axes[j, 2]
-            out[0, j] += bx
-            out[1, j] += by
-            out[2, j] += bz
-            out[3, j] += arm[1] * bz - arm[2] * by
-            out[4, j] += arm[2] * bx - arm[0] * bz
-            out[5, j] += arm[0] * by - arm[1] * bx
+                for s in range(_LANES):
+                    inverse, z = lanes[4, s], lanes[5, s]
+                    v0, v1, g0, g1 = lanes[6, s], lanes[7, s], lanes[8, s], lanes[9, s]
+                    v2 = ((2 * odd + 1) * z * v1 - odd * inverse * v0) * _INVERSE[odd]
+                    g2 = (g0 + (2 * odd + 1) * v1) * inverse
+                    lanes[10, s] += terms[j, k] * g2
+                    lanes[11, s] += terms[j, k] * (odd + 1) * v2
+                    lanes[6, s], lanes[8, s] = v2, g2
+                    lanes[7, s] = ((2 * odd + 3) * z * v2 - (odd + 1) * inverse * v1) * _INVERSE[odd + 1]
+                    lanes[9, s] = (g1 + (2 * odd + 3) * v2) * inverse
+            for s in range(_LANES):
+                q, over = arms[3, s], lanes[10, s]
+                straight = q * (lanes[11, s] - over * lanes[3, s])
+                bx = q * over * lanes[0, s] + straight * axes[j, 0]
+                by = q * over * lanes[1, s] + straight * axes[j, 1]
+                bz = q * over * lanes[2, s] + straight * axes[j, 2]
+                out[0, j] += bx
+                out[1, j] += by
+                out[2, j] += bz
+                out[3, j] += arms[1, s] * bz - arms[2, s] * by
+                out[4, j] += arms[2, s] * bx - arms[0, s] * bz
+                out[5, j] += arms[0, s] * by - arms[1, s] * bx
     return float(np.sqrt(closest))
 
 
