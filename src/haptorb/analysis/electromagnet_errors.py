@@ -554,7 +554,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         else:
             terms = [one.terms for one in self._wound]
             more = _interpolate(terms, x) - terms[1]
-            rows = self._device.wound_ring[0]
+            rows = self._device.ring_charges
             made += self._built.map(rows, built, trial.moments, more, p, point.R)[:3] @ currents
         table = _interpolate(self._tables, x) + built.softness * self._softer
         pull(table, self._pull.nearest, from_core, np.ascontiguousarray(point.R[:, 2]), still)

@@ -30,6 +30,7 @@ from haptorb.devices.electromagnet_wrench_map import (
     PassivePull,
     Windings,
     WoundCoils,
+    pack_wound_ring,
     ring_per_ampere,
     wound_per_ampere,
 )
@@ -575,7 +576,7 @@ class SphericalElectromagnet(Device):
         matrix, passive = np.empty((6, self.channels)), np.zeros(6)
         p, R = ascontiguousarray(state.p), ascontiguousarray(state.R_SR)
         if model == "exact" and "exact" in self.models:
-            wound_per_ampere(*self.wound_ring, p, R, matrix, passive)
+            wound_per_ampere(self._wound_ring, p, R, matrix, passive)
         elif model == "point-coils":
             ring_per_ampere(*self._ring, p, R, matrix, passive)
         else:
@@ -633,12 +634,15 @@ class SphericalElectromagnet(Device):
         return self.windings.wound(*known, closest, self.coil_centres)
 
     @cached_property
-    def wound_ring(self) -> tuple[Array, Array, float, Array, float, float, Array, Array]:
+    def ring_charges(self) -> Array:
+        """(4, n) [m], [A·m] charges of the tool's magnet over wound coils: right to 1e-4 of the force in contact."""
+        tool = self.tool
+        return ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence, radial=2, azimuth=6).rows
+
+    @cached_property
+    def _wound_ring(self) -> Array:
         """The tool's magnet, the core's attraction, and the coils, as `wound_per_ampere` takes them."""
-        tool, pulls = self.tool, self.passive_pull
-        size = (tool.outer_radius, tool.inner_radius, tool.length, tool.remanence)
-        rows = ChargedRing(*size, radial=2, azimuth=6).rows  # right to 1e-4 of the force in contact
-        return rows, np.array(pulls.table), float(pulls.nearest), *self.wound_coils
+        return pack_wound_ring(self.ring_charges, self.passive_pull, self.wound_coils)
 
     @cached_property
     def _ring(self) -> tuple[Array, Array, float, Array]:

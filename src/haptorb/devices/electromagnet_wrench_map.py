@@ -12,7 +12,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from haptorb.arrays import Array, check_finite
-from haptorb.compiled import kernel, tick_kernel, vector_kernel
+from haptorb.compiled import kernel, pack, part, tick_kernel, vector_kernel
 from haptorb.devices.base import Coils, rotation_to_axis
 from haptorb.errors import GeometryError, PrecisionError
 from haptorb.magnetics.coil import CentredCoil, Coil, coil_and_core
@@ -27,6 +27,7 @@ __all__ = [
     "WoundCoils",
     "axis_frame",
     "fill_wound",
+    "pack_wound_ring",
     "pull",
     "ring_per_ampere",
     "wound_per_ampere",
@@ -349,35 +350,37 @@ def fill_wound(
     return float(np.sqrt(closest))
 
 
+def pack_wound_ring(rows: Array, pulls: PassivePull, coils: WoundCoils) -> Array:
+    """(n,) packed: a ring magnet's charges rows (4, k), the core's attraction and the coils, in their own units."""
+    sizes = (pulls.nearest, coils.reach, coils.nearest)
+    return pack(rows, pulls.table, sizes, coils.terms, coils.axes, coils.centres)
+
+
 @kernel
-def _fill_wound_ring(
-    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array,
-    centres: Array, p: Array, R: Array, out: Array, passive: Array,
-) -> None:  # fmt: skip
+def _fill_wound_ring(packed: Array, p: Array, R: Array, out: Array, passive: Array) -> None:
     axis, turned = np.empty(3), np.empty((3, 3))
     for i in range(3):
         axis[i] = R[i, 2]
         passive[i], passive[3 + i] = 0.0, 0.0
     axis_frame(axis, turned)
-    fill_wound(rows, terms, reach, nearest, axes, centres, p, turned, out)
+    sizes = part(packed, 2)[0]
+    fill_wound(
+        part(packed, 0), part(packed, 3), sizes[1], sizes[2], part(packed, 4), part(packed, 5), p, turned, out
+    )  # fmt: skip
     for k in range(out.shape[1]):  # none about the axis of what is round: that of a dozen charges on a face is 1e-6
         about = out[3, k] * axis[0] + out[4, k] * axis[1] + out[5, k] * axis[2]
         for i in range(3):
             out[3 + i, k] -= about * axis[i]
-    pull(table, pull_from, p, axis, passive)
+    pull(part(packed, 1), sizes[0], p, axis, passive)
 
 
 @tick_kernel
-def wound_per_ampere(
-    rows: Array, table: Array, pull_from: float, terms: Array, reach: float, nearest: float, axes: Array,
-    centres: Array, p: Array, R: Array, out: Array, passive: Array,
-) -> None:  # fmt: skip
+def wound_per_ampere(packed: Array, p: Array, R: Array, out: Array, passive: Array) -> None:
     """Fill out (6, m) [N/A, N·m/A] and passive (6,) [N, N·m] for a ring magnet turned by R at p over wound coils.
 
-    rows are the ring's charges, table and pull_from its `PassivePull`, the rest `WoundCoils`; the magnet is round: only
-    its axis matters.
+    packed is that of `pack_wound_ring`; the magnet is round: only its axis matters.
     """
-    _fill_wound_ring(rows, table, pull_from, terms, reach, nearest, axes, centres, p, R, out, passive)
+    _fill_wound_ring(packed, p, R, out, passive)
 
 
 @lru_cache(maxsize=64)
