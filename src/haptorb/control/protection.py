@@ -30,7 +30,6 @@ from haptorb.control.heat import observe_heat
 from haptorb.control.passivity import damp_wrench, restart_passivity
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device
-from haptorb.worlds.dynamic import make_client_force
 
 if TYPE_CHECKING:
     from haptorb.estimation.types import Estimate, Sample
@@ -50,17 +49,17 @@ _SAMPLE, _MISMATCH = int(Trip.SAMPLE_NOT_FINITE), int(Trip.CURRENT_MISMATCH)
 @tick_kernel
 def protect_wrench(
     state: Records, wrench: Array, p: Array, R: Array, v: Array, w: Array, now: float, age: float, valid: bool,
-    reversed: bool, client: Records,
+    reversed: bool, session: float, mapping: float,
 ) -> None:  # fmt: skip
     """Start a tick at `now` [s]: the part of the world's `wrench` (6,) [N, N·m] that may be commanded, after rate
-    limits, damping and clamping, is in guard.asked of `state`, (1,) PROTECTION. The part of it that `client`, (1,)
-    CLIENT_FORCE, commands is in guard.commanded. `estimate` gives pose and motion."""
+    limits, damping and clamping, is in guard.asked of `state`, (1,) PROTECTION. The part of it that the client
+    `session` commands through its `mapping` is in guard.commanded. `estimate` gives pose and motion."""
     s = state[0]
     g, e = s.guard, s.estimate
     _keep_estimate(e, p, R, v, w)
     e.age, e.valid = age, valid
     begin_tick(s.clock, g, now)
-    pass_over(g, wrench, client[0].session, client[0].mapping)
+    pass_over(g, wrench, session, mapping)
     damp_wrench(s.passivity, e, g.wanted, now, g.gain, g.asked)
     check_estimate(g, valid, age, reversed)
     limit_wrench(g)
@@ -161,7 +160,6 @@ class Protection(Stateful):
         self._stored: Any = self.state["passivity"]["stored"].data
         self.asked: Array = self._guard["asked"][0]
         self.commanded: Array = self._guard["commanded"][0]
-        self._no_force = make_client_force()
         spare = self.state.copy()  # compiled at construction, not in the loop
         skip_tick(spare, 0.0)
         guard.trip(spare["guard"][0], int(Trip.NONE))
@@ -258,18 +256,19 @@ class Protection(Stateful):
         skip_tick(self.state, now)
 
     def protect_wrench(
-        self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan, client: Records | None = None
-    ) -> Array:
+        self, wrench: Array, estimate: Estimate, now: float, stored: float = np.nan, session: float = 0.0,
+        mapping: float = 0.0,
+    ) -> Array:  # fmt: skip
         """Return (6,) the part of the world's `wrench` (6,) that may be commanded in the tick that begins at `now` [s].
 
         Damped, clamped, faded; zero in any fault. In [N, N·m]. stored: energy in the world's memory [J]; NaN if the
-        world does not define it. client: (1,) CLIENT_FORCE [N, s] of the client that commands `commanded`; None: none.
+        world does not define it. session and mapping: numbers of the client that commands `commanded`; 0: none.
         """
         mover = estimate.state
         self._stored[0] = stored
         protect_wrench(
             self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
-            estimate.reversed, self._no_force if client is None else client,
+            estimate.reversed, session, mapping,
         )  # fmt: skip
         return self.asked
 

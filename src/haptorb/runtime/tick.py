@@ -481,6 +481,8 @@ class Tick(Stateful):
         self._device, self._dt = device, dt
         check_world_period(self.world, dt)
         self.client = make_client_force()  #: (1,) command of a client program; the loop fills it
+        self._session: Any = self.client["session"].data  # faster than unpacking the record in a kernel
+        self._mapping: Any = self.client["mapping"].data
         self._bound = bind_world(self.world, dt, client=self.client)  # of a world with memory; None of another
         self.budget: StepWatch = WorldBudget(dt)
         self.world_changes = 0
@@ -634,7 +636,9 @@ class Tick(Stateful):
         t3 = perf_counter()
         # Modes scale the rendered wrench: the energy of an object's world is then not that of the hand.
         stored = np.nan if self._bound is None or self.linkage.modes else self._bound.energy
-        asked = protection.protect_wrench(self._rendered, estimate, sample.t, stored, self.client)
+        asked = protection.protect_wrench(
+            self._rendered, estimate, sample.t, stored, self._session[0], self._mapping[0]
+        )  # fmt: skip
         allocation = self._allocate(estimate.wrench_map, asked)
         t4 = perf_counter()
         duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
@@ -644,8 +648,7 @@ class Tick(Stateful):
             self._applied = self.driver.write(duties)
             if self.gripper is not None:
                 wanted = 0.0 if self._bound is None else self._bound.gripper_force
-                session = self.client["session"].item()
-                squeezed = self.driver.squeeze(self.gripper.limit(wanted, protection.gain, session))
+                squeezed = self.driver.squeeze(self.gripper.limit(wanted, protection.gain, self._session[0]))
         except HaptorbError as cause:
             self._log.fail(TickFailure.WRITE)
             self._fail(Trip.DRIVER_FAILED, cause)
@@ -678,7 +681,7 @@ class Tick(Stateful):
 
     def _render(self, estimate: Estimate) -> RenderedWrench:
         bound, commanded = self._bound, self.protection.commanded
-        commanded[:] = 0.0
+        commanded.fill(0.0)  # three times faster than [:]
         try:
             if bound is None:
                 rendered = self.linkage.render(self.world, estimate.state)
@@ -689,7 +692,7 @@ class Tick(Stateful):
                 self._log.fail(self.budget.end(bound))
             check_wrench(rendered.wrench)
             # Copied: a user's array in another memory layout would cause a compilation in the middle of a tick.
-            self._rendered[:], self._object_wrench[:] = rendered.wrench, rendered.object_wrench
+            self._rendered[...], self._object_wrench[...] = rendered.wrench, rendered.object_wrench
             if bound is not None and bound.takes_commands:
                 self.linkage.bring_back(bound.commanded, commanded)
             if self.part.is_open:

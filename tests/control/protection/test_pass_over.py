@@ -26,7 +26,8 @@ class Commanded:
         self.loop.protection.protect_wrench = self._with_client
 
     def _with_client(self, wrench, estimate, now, stored=np.nan):
-        return self._protect(wrench, estimate, now, stored, self.client)
+        session, mapping = self.client["session"].item(), self.client["mapping"].item()
+        return self._protect(wrench, estimate, now, stored, session, mapping)
 
     def ask(self, force=(0.0, 0.0, 0.0), *, world=NOTHING, session=1.0, mapping=0.0):
         """(3,) the force that may be asked in one tick."""
