@@ -12,7 +12,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from haptorb.arrays import Array, check_finite
-from haptorb.compiled import kernel, pack, part, tick_kernel, vector_kernel
+from haptorb.compiled import exact_kernel, kernel, pack, part, tick_kernel, vector_kernel
 from haptorb.devices.base import Coils, rotation_to_axis
 from haptorb.errors import GeometryError, PrecisionError
 from haptorb.magnetics.coil import CentredCoil, Coil, coil_and_core
@@ -283,6 +283,16 @@ class WoundCoils(NamedTuple):
 _LANES = 24  #: charges computed together: those of the magnet in a tick
 
 
+@exact_kernel
+def _add_lanes(lanes: Array, j: int, out: Array) -> None:
+    """Add the first six of `lanes` to column j of out (6, m), one charge after the other."""
+    a, b, c, d, e, f = out[0, j], out[1, j], out[2, j], out[3, j], out[4, j], out[5, j]
+    for s in range(_LANES):
+        a, b, c = a + lanes[0, s], b + lanes[1, s], c + lanes[2, s]
+        d, e, f = d + lanes[3, s], e + lanes[4, s], f + lanes[5, s]
+    out[0, j], out[1, j], out[2, j], out[3, j], out[4, j], out[5, j] = a, b, c, d, e, f
+
+
 @vector_kernel
 def fill_wound(
     rows: Array, terms: Array, reach: float, nearest: float, axes: Array, centres: Array, p: Array, R: Array, out: Array
@@ -297,7 +307,8 @@ def fill_wound(
     """
     out[:] = 0.0
     closest, least = 1e300, (nearest / reach) ** 2
-    arms, lanes = np.empty((4, _LANES)), np.empty((12, _LANES))
+    lanes = np.empty((16, _LANES))
+    arms = lanes[12:]
     for first in range(0, rows.shape[1], _LANES):
         for s in range(_LANES):
             n = min(first + s, rows.shape[1] - 1)
@@ -341,12 +352,11 @@ def fill_wound(
                 bx = q * over * lanes[0, s] + straight * axes[j, 0]
                 by = q * over * lanes[1, s] + straight * axes[j, 1]
                 bz = q * over * lanes[2, s] + straight * axes[j, 2]
-                out[0, j] += bx
-                out[1, j] += by
-                out[2, j] += bz
-                out[3, j] += arms[1, s] * bz - arms[2, s] * by
-                out[4, j] += arms[2, s] * bx - arms[0, s] * bz
-                out[5, j] += arms[0, s] * by - arms[1, s] * bx
+                lanes[0, s], lanes[1, s], lanes[2, s] = bx, by, bz
+                lanes[3, s] = arms[1, s] * bz - arms[2, s] * by
+                lanes[4, s] = arms[2, s] * bx - arms[0, s] * bz
+                lanes[5, s] = arms[0, s] * by - arms[1, s] * bx
+            _add_lanes(lanes, j, out)
     return float(np.sqrt(closest))
 
 
