@@ -107,7 +107,7 @@ MUTATIONS = (
     Mutation(_TOOL, "fill_wound", "v2", 1.1, (_WOUND,)),
     Mutation(_TOOL, "fill_wound", "g2", 1.1, (_WOUND,)),
     Mutation(_TOOL, "fill_wound", "straight", 1.1, (_WOUND,)),
-    Mutation(_TOOL, "fill_wound", "out[4, j]", -1, (_WOUND,)),
+    Mutation(_TOOL, "fill_wound", "ty", -1, (_WOUND,)),
     Mutation("magnetics/coil.py", "CentredCoil.__init__", "own", 1.1, (_WOUND, _SENSORS)),
     Mutation("magnetics/coil.py", "CentredCoil.__init__", "answers", 1.1, (_WOUND, _SENSORS)),
     Mutation("magnetics/coil.py", "coil_and_core", "return", 1.1, (_SENSORS,)),

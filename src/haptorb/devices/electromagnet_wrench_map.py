@@ -352,16 +352,18 @@ def fill_wound(
                 bx = q * over * lanes[0, s] + straight * axes[j, 0]
                 by = q * over * lanes[1, s] + straight * axes[j, 1]
                 bz = q * over * lanes[2, s] + straight * axes[j, 2]
+                tx = arms[1, s] * bz - arms[2, s] * by
+                ty = arms[2, s] * bx - arms[0, s] * bz
+                tz = arms[0, s] * by - arms[1, s] * bx
                 lanes[0, s], lanes[1, s], lanes[2, s] = bx, by, bz
-                lanes[3, s] = arms[1, s] * bz - arms[2, s] * by
-                lanes[4, s] = arms[2, s] * bx - arms[0, s] * bz
-                lanes[5, s] = arms[0, s] * by - arms[1, s] * bx
+                lanes[3, s], lanes[4, s], lanes[5, s] = tx, ty, tz
             _add_lanes(lanes, j, out)
     return float(np.sqrt(closest))
 
 
 def pack_wound_ring(rows: Array, pulls: PassivePull, coils: WoundCoils) -> Array:
-    """(n,) packed: a ring magnet's charges rows (4, k), the core's attraction and the coils, in their own units."""
+    """(n,) packed: a ring magnet's charges rows (4, k) [m], [A·m], the core's attraction and the coils, each in its own
+    unit."""
     sizes = (pulls.nearest, coils.reach, coils.nearest)
     return pack(rows, pulls.table, sizes, coils.terms, coils.axes, coils.centres)
 
