@@ -15,7 +15,7 @@ from oracles.program_runner import ProgramRunner
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("*.py"))
 #: examples that compute for four seconds and more: they run at night, and their notebooks are compared in every suite
-LONG = ("02_", "04_", "05_")
+LONG = ("01_", "02_", "04_", "05_")
 
 
 def _mark(example: Path) -> object:

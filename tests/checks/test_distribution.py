@@ -59,14 +59,26 @@ def _run(installed: Path, folder: Path, *words: str) -> str:
     return done.stdout
 
 
+#: what the command does with each of the words, in one process
+COMMANDS = """
+from contextlib import suppress
+import haptorb, haptorb_study, haptorb_design
+from haptorb.cli import main
+
+print(haptorb.__file__, haptorb_design.__file__)
+for word in ("--version", "--help"):
+    with suppress(SystemExit):
+        main([word])
+"""
+
+
 def test_the_installed_command_is_this_version_and_reads_its_devices(installed: Path, tmp_path: Path) -> None:
-    assert __version__ in _run(installed, tmp_path, "--version")
     assert re.search(r"^omni ", _run(installed, tmp_path, "devices"), re.MULTILINE)
-    listed = _run(installed, tmp_path, "--help")
+    where, version, listed = _run(installed, tmp_path, "-c", COMMANDS).split("\n", 2)
+    assert __version__ in version
     for command in ("run", "inspect", "study", "design"):
         assert re.search(rf"\b{command}\b", listed), command
-    where = "import haptorb, haptorb_study, haptorb_design as last; print(haptorb.__file__, last.__file__)"
-    assert _run(installed, tmp_path, "-c", where).split() == [
+    assert where.split() == [
         str(next(installed.rglob(f"{name}/__init__.py"))) for name in ("haptorb", "haptorb_design")
     ]
 

@@ -19,7 +19,7 @@ def comparison():
     pmsm = haptorb.load("pmsm")
     told = []
     networks = train(pmsm, starts=2, iterations=20, grid=(9, 9, 32))
-    result = compare(pmsm, networks, orientations=30, report=told.append)
+    result = compare(pmsm, networks, orientations=12, report=told.append)
     assert told[-1] == 1.0
     return result
 

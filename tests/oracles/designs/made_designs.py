@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from haptorb_design.problem import (
     ParameterPlace,
 )
 from haptorb_design.store import open_results
-from haptorb_design.workers import compute_base_values
 
 
 @cache
@@ -39,10 +37,11 @@ def make_design(goals: int = 2) -> Design:
     )
     made = (DesignGoal(pull, "minimise", "core_pull"), DesignGoal(force, "maximise", "continuous_force"))
     bounds = (Bound("mass", quantity("mass", "kg", "minimise"), high=0.028),)
-    design = Design(
-        "omni-core", "Omni: <core> & tool", "omni", parameters, made[:goals], bounds, {}, "name = 'omni'\n", "0" * 64
-    )
-    return replace(design, base_values=compute_base_values(design))  # a process of its own, once
+    # No quantity is defined for the base device, as a process that computes them would find in some seconds.
+    return Design(
+        "omni-core", "Omni: <core> & tool", "omni", parameters, made[:goals], bounds, {}, "name = 'omni'\n", "0" * 64,
+        base_values={},
+    )  # fmt: skip
 
 
 def make_evaluations(count: int, seed: int = 1) -> list[Evaluation]:

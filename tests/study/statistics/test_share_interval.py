@@ -98,12 +98,12 @@ def draw_logits(centre: float, spread: float, draw: np.random.Generator, count: 
 @pytest.mark.parametrize(
     ("mean", "make", "parameters"),
     [
-        (0.72, draw_accuracies, (0.72, 0.05)),
+        pytest.param(0.72, draw_accuracies, (0.72, 0.05), marks=pytest.mark.slow),
         (0.72, draw_accuracies, (0.72, 0.15)),
         # Standard deviations of the shares: 0, 0.15 and 0.15. With a design effect, as it stood here once, 69 % of the
         # intervals of the last row held the mean.
         (0.72, draw_logits, (0.9445, 0.0)),
-        (0.72, draw_logits, (1.0765, 0.8185)),
+        pytest.param(0.72, draw_logits, (1.0765, 0.8185), marks=pytest.mark.slow),
         (0.95, draw_logits, (6.7245, 3.6673)),
     ],
 )
