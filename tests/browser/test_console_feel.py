@@ -140,6 +140,7 @@ def move_to_middle(screen) -> None:
     raise AssertionError(f"the hand does not come to the middle: {screen.value('hand_goal')}")
 
 
+@pytest.mark.slow  # the law itself: tests/worlds
 def test_radial_force_vanishes_at_theta_1_and_everything_from_theta_2(live):
     screen, host = live
     page = screen.page

@@ -87,6 +87,7 @@ def test_nine_sensors_on_a_ring_take_a_third_of_the_error_away_and_are_in_nobody
     assert quantity("sensor_field").compute(found) < 40e-3
 
 
+@pytest.mark.slow
 def test_the_tracker_finds_the_tool_better_with_the_ring():
     """benchmarks/design/found_devices.py --trial in a reduced form: at three places of the shell."""
     command = [sys.executable, "benchmarks/design/found_devices.py", "omni-sensor-ring", "--trial", "--every", "30"]

@@ -194,7 +194,9 @@ def broken(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[s
     ("file", "right", "wrong", "fault"),
     [
         ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", kill),
-        ("core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", garbage),
+        pytest.param(
+            "core/config.h", "#define SILENCE_MS 15", "#define SILENCE_MS 40", garbage, marks=pytest.mark.slow
+        ),
         (
             "core/bridge.c",
             "guard_trip(&bridge->guard, REASON_STOP_BUTTON);",

@@ -44,6 +44,7 @@ K = FileKind
 SLOW = 2.0  #: of the processor for one file, more than for a good one [s]
 HUNG = 30.0  #: of the processor [s]: a busy computer is no fault of a file
 WAITED = 900  #: by the clock [s], for what uses no processor
+_loaded: set[str] = set()  #: commands whose code this process has loaded
 GOOD = "a good file"  #: the title of a file that may not be refused: a command that reads none tries nothing
 
 #: kind of file → the commands that read it
@@ -148,11 +149,12 @@ def try_files(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outsid
         contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()), warnings.catch_warnings(),
     ):  # fmt: skip
         warnings.simplefilter("ignore", ResourceWarning)  # a command leaves to the end of its process what it has open
+        wanted = {command for _, command, _, _ in tasks} - _loaded
         for kind, commands in COMMANDS.items():  # loads what they need, once for all children
-            if {command for _, command, _, _ in tasks} & set(commands):
-                with contextlib.chdir(inside):
-                    for command in commands:
-                        _run(command.replace("FILE", NAMES[kind]))
+            with contextlib.chdir(inside):
+                for command in wanted & set(commands):
+                    _run(command.replace("FILE", NAMES[kind]))
+        _loaded.update(wanted)
         gc.collect()
     good = {name: (inside / name).read_bytes() for _, _, name, _ in tasks if (inside / name).is_file()}
     while start < len(tasks):

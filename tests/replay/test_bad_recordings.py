@@ -396,7 +396,7 @@ def test_a_file_is_not_replaced_by_accident(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("planted", [None, 60, 222])
+@pytest.mark.parametrize("planted", [None, pytest.param(60, marks=pytest.mark.slow), 222])
 def test_parts_at_once_find_what_one_after_the_other_does(
     planted: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

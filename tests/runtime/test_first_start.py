@@ -52,7 +52,7 @@ def test_the_controller_is_compiled_as_the_loop_uses_it(device: str) -> None:
     assert left == []
 
 
-@pytest.mark.parametrize("what", [CONTROLLER, CATALOGUE])
+@pytest.mark.parametrize("what", [pytest.param(CONTROLLER, marks=pytest.mark.slow), CATALOGUE])
 def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
     plan.save(Servo("omni", record=False)._make_plan(), tmp_path / PLAN)
     (tmp_path / WANTED).write_text("button", encoding="utf-8")

@@ -163,6 +163,7 @@ def test_what_is_rendered_pushes_the_hand_away_from_its_goal(tmp_path: Path) -> 
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("quick_starts")
 def test_a_servo_plays_it_by_the_loops_clock_with_buttons_and_grip(tmp_path: Path) -> None:
     (tmp_path / "a.hand").write_text(SCRIPT)
     motion = read_hand(tmp_path / "a.hand", OMNI)

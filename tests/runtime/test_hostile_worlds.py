@@ -158,7 +158,7 @@ def host(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], int, Path]]:
                 os.kill(servo, signal.SIGKILL)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_servo_that_hangs_does_not_outlive_its_host(
     host: tuple[subprocess.Popen[str], int, Path], number: signal.Signals
 ) -> None:

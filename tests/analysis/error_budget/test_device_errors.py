@@ -23,6 +23,7 @@ from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.rotations import quaternion
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.simulation.electromagnet_specimen import draw_electromagnet, fill_truth
+from oracles.repetitions import repetitions
 
 OMNI, PMSM = load("omni"), load("pmsm")
 
@@ -103,7 +104,7 @@ def test_windings_and_core_that_are_not_as_the_file_says_act_as_filaments_around
     value = (200.0, 201.0) if key == "core_permeability" else getattr(OMNI.tolerance, key)
     family = replace(OMNI, tolerance=EXACT.model_copy(update={key: value}), uncertainty=known)
     rng, wrong, sizes = np.random.default_rng(20), [], []
-    for specimen in range(12):
+    for specimen in range(repetitions(6, 12)):
         point = tool.draw_point(specimen % 3, rng)
         state = State.at(point.p, R_SR=point.R)
         wanted = force_allocator(OMNI).allocate(OMNI.wrench_map(state, "exact"), point.wrench).currents

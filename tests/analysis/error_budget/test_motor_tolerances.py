@@ -29,7 +29,7 @@ BUILT = {
 TURNS = [rotation_from_euler(*one) for one in ((0.3, -0.2, 1.0), (-0.05, 0.38, 4.0), (0.0, 0.1, 2.5), (0.2, 0.3, 0.3))]
 
 
-@pytest.fixture(scope="module", params=MOTORS)
+@pytest.fixture(scope="module", params=["pmsm", pytest.param("pmsm-three-rings", marks=pytest.mark.slow)])
 def slopes(request):
     return ToleranceSlopes(MOTORS[request.param])
 

@@ -15,8 +15,12 @@ from haptorb.worlds import Scene
 from haptorb.worlds.scene_physics import SHIPPED
 from oracles.scene_trial import find_passivity, try_scene
 
+NIGHTLY = ("drawer", "peg")  #: in every suite one scene of each kind of device
 
-@pytest.mark.parametrize("name", SHIPPED)
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in NIGHTLY else name for name in SHIPPED]
+)
 def test_less_than_a_millijoule_comes_out_of_a_scene(name: str) -> None:
     device = load("omni" if name == "boxes" else "pmsm")
     # A motor as its file says. In two seconds the plug stays in the outlet, and how much its contacts store, some

@@ -46,8 +46,9 @@ def _wait(page: Any, expression: str, seconds: float = 60.0) -> Any:
     raise AssertionError(f"never came true: {expression}")
 
 
-def test_all_coils_are_drawn_and_the_tool_follows_the_keys(url: str, browser: Any) -> None:
+def test_all_coils_are_drawn_and_the_tool_follows_the_keys(url: str, browser: Any, kit: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.add_init_script(kit.HALF_RATE)
     troubles: list[str] = []
     page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
     page.goto(url)

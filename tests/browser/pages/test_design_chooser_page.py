@@ -101,8 +101,9 @@ def serve_chooser(**where: Any) -> Iterator[Chooser]:
 
 
 @pytest.fixture
-def page(browser: Any, chooser: Chooser) -> Iterator[Any]:
+def page(browser: Any, chooser: Chooser, kit: Any) -> Iterator[Any]:
     page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.add_init_script(kit.HALF_RATE)
     troubles: list[str] = []
     page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
     page.goto(chooser.url, timeout=60_000)

@@ -208,8 +208,11 @@ def cost(candidate):
     ("harm", "reason"),
     [
         ("os.kill(os.getpid(), 9)", "its process ended 2 times: signal SIGKILL"),
-        ("while True: pass", "not computed within 2 s of processor time"),
-        ("import numpy; kept = [numpy.empty(1 << 29) for _ in range(30)]", "MemoryError"),  # never touched
+        # the other ways in which one harms its process: tests/design/workers/test_processes.py
+        pytest.param("while True: pass", "not computed within 2 s of processor time", marks=pytest.mark.slow),
+        pytest.param(
+            "import numpy; kept = [numpy.empty(1 << 29) for _ in range(30)]", "MemoryError", marks=pytest.mark.slow
+        ),  # never touched
     ],
 )
 def test_a_harmful_candidate_is_rejected_with_its_reason_and_the_search_goes_on(

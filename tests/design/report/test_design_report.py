@@ -175,6 +175,7 @@ def test_nothing_valid_cannot_be_shown(tmp_path, capsys):
     assert "mass rejects 9" in err
 
 
+@pytest.mark.slow
 def test_ten_thousand_designs_are_read_and_their_page_made(tmp_path):
     table = ResultsTable.of(read_results(make_results(tmp_path / "r.sqlite", 10_000)))
     assert len(table.found) > 7000

@@ -61,7 +61,7 @@ def find_centre(built: ElectromagnetSpecimen, coil: int) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("specimen", range(3))
+@pytest.mark.parametrize("specimen", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))])
 def test_sensors_without_errors_find_from_where_each_coils_field_comes(specimen: int):
     """As seen from far away: what the core answers to a winding that is off its middle moves it, too, most along the
     innermost coil's axis."""

@@ -52,6 +52,7 @@ def follow(believed: SphericalElectromagnet, specimen: int, amperes: float) -> t
     return valid / (TICKS - SETTLED), float(np.median(errors))
 
 
+@pytest.mark.slow  # a calibration, and a tracker beside currents: each has tests of its own
 def test_calibrated_it_holds_the_tool_beside_twenty_amperes_in_all_coils(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
     benchmark = importlib.import_module("calibrated_budget")

@@ -314,7 +314,7 @@ def error_under_swinging(times, ages, told=None):
     return np.sqrt(np.mean(np.square(away)))
 
 
-@pytest.mark.parametrize("apart", [0.75e-3, -1.5e-3])
+@pytest.mark.parametrize("apart", [0.75e-3, pytest.param(-1.5e-3, marks=pytest.mark.slow)])
 def test_currents_are_carried_to_when_the_field_was_read(apart):
     """A board's current sensors tell the past half millisecond, and a field that waited to be told is the older."""
     times, ages = 1e-3 * np.arange(300), np.tile([2e-3 + apart, 2e-3], (300, 1))

@@ -1,6 +1,7 @@
 """Simulated driver: whole periods, expiring pointer goals, and coils off at every exit."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -61,8 +62,14 @@ class Counting(Simulation):
         self.inner.reset(seed)
 
 
+@cache
+def make_simulation():
+    """One for all examples: a driver that opens resets it."""
+    return SimDriver.of(OMNI, PERIOD).simulation
+
+
 def counting(goal=None, seed=0):
-    simulation = Counting(SimDriver.of(OMNI, PERIOD).simulation)
+    simulation = Counting(make_simulation())
     return SimDriver(simulation, PERIOD, goal, seed=seed), simulation
 
 

@@ -20,7 +20,7 @@ from haptorb.runtime.process_group import SignalStop
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import SharedMemory
 
-pytestmark = [pytest.mark.realtime, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(600), pytest.mark.usefixtures("quick_starts")]
 
 ROOT = Path(__file__).resolve().parents[3]
 LIMIT = 0.020  #: from the signal to coils off [s]
@@ -39,11 +39,11 @@ try:
 finally:
     print("tidied", flush=True)
 """
-#: for two seconds and more, between two instructions of Python; the heart beats meanwhile. No call of the system: a
+#: for half a second and more, between two instructions of Python; the heart beats meanwhile. No call of the system: a
 #: signal would end it.
-IN_C = "import hashlib; hashlib.pbkdf2_hmac('sha256', b'', b'', 6_000_000); time.sleep(60)"
-#: for a second and more, one call of C, which lets no other thread of the program run
-HOLDS = "print('holds', flush=True); sum(range(100_000_000))"
+IN_C = "import hashlib; hashlib.pbkdf2_hmac('sha256', b'', b'', 2_000_000); time.sleep(60)"
+#: for a third of a second and more, one call of C, which lets no other thread of the program run
+HOLDS = "print('holds', flush=True); sum(range(40_000_000))"
 #: tidies up at length, and is interrupted in that
 LEAVES = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)})(); sys.stdin.readline()"
 #: a finalizer runs when the signal comes: what the signal raises is lost there
@@ -105,7 +105,7 @@ class Host:
         return out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
 def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number):
     """Python runs no handler before that code returns; SIGTERM and SIGHUP end a program that has none."""
     host = Host(IN_C)
@@ -189,7 +189,7 @@ def test_leaving_the_block_switches_off_first():
         host.end()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_signal_whose_exception_is_lost_ends_the_run_nevertheless(number):
     host = Host("from haptorb.runtime.linux import raise_termination\nwith raise_termination():\n"
                 + "".join(f"    {line}\n" for line in FINALIZES.strip().splitlines()))  # fmt: skip
@@ -375,9 +375,12 @@ def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
     start = linux.start
 
     def start_stopped(command, **options):
-        process = start(command, **options)
-        if module in command:
-            os.kill(process.pid, signal.SIGSTOP)
+        if module not in command:
+            return start(command, **options)
+        with monkeypatch.context() as patch:
+            patch.setattr(linux, "subprocess", subprocess)  # a start that takes its time
+            process = start(command, **options)
+        os.kill(process.pid, signal.SIGSTOP)
         return process
 
     monkeypatch.setattr(linux, "start", start_stopped)

@@ -79,7 +79,7 @@ def test_real_coils_do_not_cool_at_a_word(monkeypatch: pytest.MonkeyPatch) -> No
         assert rig["winding"].max() == pytest.approx(before, abs=0.5)
 
 
-@pytest.mark.parametrize("name", ["omni", "pmsm"])
+@pytest.mark.parametrize("name", ["omni", pytest.param("pmsm", marks=pytest.mark.slow)])
 def test_a_demonstration_that_nobody_touches_never_derates(name: str) -> None:
     """While it moves, and after it: at the load of the hand's rest no winding ever reaches its derating temperature."""
     moving, resting = Rig(name), Rig(name, start=100.0)

@@ -51,7 +51,9 @@ finally:
 """
 
 
-@pytest.mark.parametrize(("device", "first", "least"), [("omni", "wall", 12), ("pmsm", "nothing", 8)])
+@pytest.mark.parametrize(
+    ("device", "first", "least"), [("omni", "wall", 12), pytest.param("pmsm", "nothing", 8, marks=pytest.mark.slow)]
+)
 def test_no_world_of_the_catalogue_is_loaded_while_the_loop_runs(device: str, first: str, least: int) -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM, device, first], capture_output=True, text=True, check=True)
     rendered, loaded, modules = done.stdout.split(maxsplit=2)
