@@ -74,6 +74,7 @@ def _build_devices_once() -> None:
     loader.build_tables = build_tables
 
 
+_SPECIMENS = 200  #: that are kept
 _CATALOGUE = frozenset(path.stem for path in (ROOT / "src/haptorb/devices/catalogue").glob("*.toml"))
 _build_devices_once()
 
@@ -253,6 +254,41 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     if texts:
         terminalreporter.section("measured against the limits of promises")
         terminalreporter.write_line("\n".join(texts))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _draw_electromagnets_once() -> Iterator[None]:
+    """In this process a specimen, and the data of its coils and core for compiled code, is computed once: 0.1 s for
+    each simulation of the Omni, of which most tests of the loop make one. Nobody writes to them."""
+    from haptorb.simulation import electromagnet, electromagnet_specimen
+
+    draw, compute = electromagnet.draw_electromagnet, electromagnet_specimen.ElectromagnetSpecimen.compute_map
+    drawn, maps = dict[Any, Any](), dict[Any, Any]()
+
+    def draw_once(device: Any, specimen: int = 0, steel: Any = None) -> Any:
+        if steel is not None:
+            return draw(device, specimen, steel)
+        key = id(device), specimen
+        if key not in drawn:
+            if len(drawn) >= _SPECIMENS:
+                drawn.clear()
+                maps.clear()
+            drawn[key] = device, draw(device, specimen)  # with the device, so that its id is nobody else's
+            maps[id(drawn[key][1])] = {}
+        return drawn[key][1]
+
+    def compute_once(built: Any, nearest: float) -> Any:
+        made = maps.get(id(built))
+        if made is None:
+            return compute(built, nearest)
+        if nearest not in made:
+            made[nearest] = compute(built, nearest)
+        return made[nearest]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(electromagnet, "draw_electromagnet", draw_once)
+        patch.setattr(electromagnet_specimen.ElectromagnetSpecimen, "compute_map", compute_once)
+        yield
 
 
 @pytest.fixture(scope="session")

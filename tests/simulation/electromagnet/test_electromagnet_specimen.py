@@ -204,6 +204,7 @@ def test_a_number_is_one_electromagnet_and_the_seed_is_its_number():
         return SimulatedElectromagnet(*args, **named).built.compute_moments()
 
     assert np.array_equal(moments(OMNI, 3), moments(OMNI, 9, specimen=3))
+    assert np.array_equal(moments(OMNI, 3), draw_electromagnet(OMNI, 3).compute_moments())  # drawn anew
     assert not np.array_equal(moments(OMNI, 3), moments(OMNI, 4))
     exact = replace(OMNI, tolerance=None)
     assert np.array_equal(moments(exact, 3), moments(exact, 4))
