@@ -41,6 +41,7 @@ from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.display import format_quantity
 from haptorb.errors import UnknownName
 from haptorb.estimation.calibration_file import Calibration
+from haptorb.estimation.coil_calibration import find_response
 from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.estimation.hall_tracker import CALIBRATED
 from haptorb.magnetics.coil import CentredCoil
@@ -93,10 +94,8 @@ class HallFit:
         self._columns = (moments**2).sum(axis=0)
         self._unit = moment_field(device).reshape(-1, 3)
         self._moments = moments
-        at, h = device.hall.positions.reshape(-1, 3), 1e-5
-        ahead, behind = (device.coil_fields((at + sign * h * np.eye(3)[:, None]).reshape(-1, 3)) for sign in (1, -1))
-        slope = ((ahead - behind) / (2 * h)).reshape(3, len(at), 3, -1)
-        self._coils, self._slopes = device.coil_fields(at), np.moveaxis(slope, 0, 2)  # (k, 3, m), (k, 3, 3, m)
+        self._coils = device.coil_fields(device.hall.positions.reshape(-1, 3))  # (k, 3, m)
+        self._slopes = coil_slopes(device)
 
     def linearize(self, p: Array, R: Array, currents: Array) -> HallPoint:
         """Linearise at the tool pose p (3,) [m], R (3, 3), with the tracker's weights under `currents` (m,) [A]."""
@@ -154,6 +153,44 @@ class MomentFit:
         seen = trial.moments - self._solve @ more.reshape(read.shape[0], -1)
         moments: Array = np.linalg.solve(self._solve @ read, seen) * (1 + trial.gain)
         return moments
+
+
+class CentreFit:
+    """Moments and centres of the coils that a calibration found with the device's own sensors; `device` has them.
+
+    What the calibration leaves is not independent of the errors it starts from: a sensor off its place, or a winding of
+    another size, moves the centres that it finds, and the core pulls the tool from where it is. So all these errors go
+    through the calibration's own regression, to first order.
+    """
+
+    def __init__(self, device: SphericalElectromagnet, calibration: Calibration) -> None:
+        assert calibration.centres is not None
+        unit, far = moment_field(device).reshape(-1, 3), device.far_moments
+        self._stated = np.linalg.norm(device.moment_per_current, axis=0) / np.linalg.norm(far, axis=0)
+        share = np.diag(np.linalg.inv(unit.T @ unit))
+        noise = ((calibration.uncertainty / self._stated) ** 2 / share[:, None]).mean(axis=0)
+        self._moments, self._centres = find_response(device, far, calibration.centres, noise)
+        places = np.asarray(device.hall.positions, dtype=np.float64).reshape(-1, 3)
+        self._field, self._slopes = device.coil_fields(places), coil_slopes(device)
+
+    def find_errors(self, trial: ToolTrial, more: Array) -> tuple[Array, Array]:
+        """(3, m) [m²] found minus true moments per ampere, and (m, 3) [m] the centres found for coils that are
+        `trial.built` off theirs.
+
+        more (k, 3, m) [T/A]: the field of such coils at the sensors beside that of coils as calibrated.
+        """
+        seen = trial.placement - trial.shift  # from core and coils, which are off their place
+        field = self._field + np.einsum("kijm,kj->kim", self._slopes, seen) + more
+        error = (field + np.einsum("kij,kjm->kim", trial.mixing, field) - self._field).ravel()
+        return self._stated * (self._moments @ error), self._centres @ error
+
+
+def coil_slopes(device: SphericalElectromagnet) -> Array:
+    """(k, 3, 3, m) [T/(A·m)] derivative of the coils' fields at the field sensors by position, the second last axis."""
+    at, h = device.hall.positions.reshape(-1, 3), 1e-5
+    ahead, behind = (device.coil_fields((at + sign * h * np.eye(3)[:, None]).reshape(-1, 3)) for sign in (1, -1))
+    slopes: Array = np.moveaxis(((ahead - behind) / (2 * h)).reshape(3, len(at), 3, -1), 0, 2)
+    return slopes
 
 
 # --------------------------------------------------------------------------------------------------
@@ -311,14 +348,15 @@ def _change_layers(device: SphericalElectromagnet, *, moments: bool) -> tuple[in
 def built_sources(
     device: SphericalElectromagnet, known: ElectromagnetTolerance, calibration: Calibration | None
 ) -> list[ErrorSource[ToolTrial]]:
-    """Sources of windings and core from [tolerance], or of the coils' centres from `calibration`."""
+    """Sources of windings and core from [tolerance]; a `calibration` with a load cell replaces those of positions."""
 
     def origin(key: str) -> str:
         if f"tolerance.{key}" in device.assumed:
             return "assumed"
         return "device file" if key in known.model_fields_set else "default"
 
-    placed = None if calibration is None else calibration.centre_uncertainty
+    weighed = calibration is not None and calibration.strength_uncertainty is not None
+    placed = calibration.centre_uncertainty if calibration is not None and weighed else None
     found: list[ErrorSource[ToolTrial]] = [
         _permeability(known.core_permeability, device.core_permeability, origin("core_permeability")),
         _earth_field(known.earth_field, origin("earth_field")),
@@ -403,7 +441,8 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
     estimator          "tracker" or "hall"
     radius_span [m]    up to how far from the device file's the core's radius is looked up, less where the magnet is
                        near; 0: it is exact
-    calibrated         the moments were measured with the device's own sensors, whose errors are in them
+    calibration        that of `device` with its own sensors, whose errors are in it; None: there is none, or one with a
+                       load cell
     frequency [Hz]     at which the force turns
     """
 
@@ -417,7 +456,7 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         estimator: str,
         radius_span: float,
         *,
-        calibrated: bool = False,
+        calibration: Calibration | None = None,
         frequency: float = 0.0,
     ) -> None:
         self.device, self.estimator, self.asked, self.sources = device.name, estimator, asked, sources
@@ -425,8 +464,10 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         self._allocator, self._loop = force_allocator(device), CurrentLoop(device)
         # After a self-calibration the accuracy of the pose from the sensors is known.
         senses = estimator == "hall" and device.hall.correction is None
-        self._hall = HallFit(device, calibrated=calibrated) if senses else None
-        self._calibrated = MomentFit(device) if calibrated else None
+        self._hall = HallFit(device, calibrated=calibration is not None) if senses else None
+        self._calibrated: MomentFit | CentreFit | None = None
+        if calibration is not None:
+            self._calibrated = MomentFit(device) if calibration.centres is None else CentreFit(device, calibration)
         self.motion = f"turning at {frequency:g} Hz" if frequency else "at rest"
         tool = device.tool
         self._rows = ChargedRing(tool.outer_radius, tool.inner_radius, tool.length, tool.remanence).rows
@@ -488,8 +529,16 @@ class ToolErrors(ErrorModel[ToolTrial, ToolPoint]):
         """(3,) along two tangents and the radius [N]."""
         more = np.zeros((self._device.sensors, 3, self._device.channels))
         if self._built is not None and (self._calibrated is not None or point.hall is not None):
-            more = self._built.add_field(trial.built, trial.moments)
-        if self._calibrated is not None:
+            # the uncertainty of a calibration's moments is the noise of its readings, and not a field that it read
+            read = isinstance(self._calibrated, CentreFit)
+            more = self._built.add_field(trial.built, self._moments if read else trial.moments)
+        if isinstance(self._calibrated, CentreFit):
+            moments, centres = self._calibrated.find_errors(trial, more)
+            trial.moments = (trial.moments - moments) * (1 + trial.gain)
+            trial.built.whole -= centres
+            if self._built is not None and point.hall is not None:
+                more = self._built.add_field(trial.built, trial.moments)
+        elif self._calibrated is not None:
             trial.moments = self._calibrated.find_true(trial, more)
         place, turn = trial.place, trial.turn
         currents, extra = np.zeros(self._device.channels), np.zeros(3)
@@ -654,7 +703,7 @@ def tool_errors(
     made = ToolErrors(
         believed, force, tuple(sources), chosen, _RADIUS_RANGE_SIGMAS * known.core_radius,
         # a calibration with a load cell does not concern the field sensors
-        calibrated=calibration is not None and weighed is None,
+        calibration=calibration if weighed is None else None,
         frequency=frequency,
     )  # fmt: skip
     if not believed.has_sizes:

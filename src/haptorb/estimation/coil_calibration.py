@@ -25,6 +25,7 @@ __all__ = [
     "check_conduction",
     "check_switching",
     "excitation",
+    "find_response",
     "find_silent",
     "magnetic_calibration",
 ]
@@ -215,84 +216,120 @@ _NEWTON_ITERATIONS = 3  #: Newton iterations for the most likely centres: the fi
 def _find_centres(
     device: SphericalElectromagnet, visible: Array, per_ampere: Array, M: Array, noise: Array
 ) -> tuple[Array, Array, Array]:
-    """Most likely far-field moments (3, m) [m²] and centres (m, 3) [m], with their standard deviations.
+    """Most likely far-field moments (3, m) [m²] and centres (m, 3) [m], with the latter's standard deviations.
 
-    per_ampere (k, 3, m) [T/A] was read, with variances `noise` (m,) [T²/A²]; M are moments without centres. Before
-    anything is read, centres are as [tolerance] says: a winding's own part of the moment moves with the winding, the
-    core's with the core. Sizes of windings, gains, axes and places of sensors are off, too, as the file says: what they
-    can explain weighs less. Linear about the result, all normal (Gelman et al., Bayesian Data Analysis, §14.8).
+    per_ampere (k, 3, m) [T/A] was read, with variances `noise` (m,) [T²/A²]; M are moments without centres.
     """
-    known, hall, windings = device.tolerance, device.hall.errors, device.windings
-    assert known is not None
-    assert windings is not None
-    at, channels = device.hall.positions, device.channels
-    values, vectors = np.linalg.eigh(visible)
-    rows = [vectors[s][:, k] for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
-    sensor = [s for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
-
-    def read(field: Array) -> Array:
-        """(rows · m,) readings of a field (k, 3, m)."""
-        return np.stack([row @ field[s] for row, s in zip(rows, sensor, strict=True)]).ravel()
-
-    def model(moments: Array, centres: Array, places: Array = at, sizes: Windings = windings) -> Array:
-        return sizes.field(device.core, moments, np.inf, places, centres=centres)
-
-    parts = windings.parts(device.core)
-    own, answer = (parts / parts.sum(axis=1, keepdims=True)).T
-    shift = windings.answer_shift(device.core)
-    by_core = (answer[:, None, None] * (np.eye(3) + shift)).reshape(-1, 3)
-    prior = known.core_position**2 * by_core @ by_core.T + 1e-18 * np.eye(len(by_core))
-    for number in range(channels):
-        by_winding = own[number] * np.eye(3) - answer[number] * shift[number]
-        block = slice(3 * number, 3 * number + 3)
-        prior[block, block] += known.position**2 * by_winding @ by_winding.T
-    centres, rest = np.zeros((channels, 3)), np.kron(np.eye(len(rows)), np.diag(noise))
-    base = model(M, centres)
-    lasting: list[Array] = []
-    slopes = [(model(M, centres, at + _STEP_M * e) - base) / _STEP_M for e in np.eye(3)]
-    for s in range(len(at)):
-        for axis in np.eye(3):
-            turned, moved = np.zeros_like(base), np.zeros_like(base)
-            turned[s] = np.cross(axis, base[s].T).T
-            moved[s] = sum(part * slope[s] for part, slope in zip(axis, slopes, strict=True))
-            lasting += [hall.angle * read(turned), hall.placement * read(moved)]
-            for other in np.eye(3):
-                mixed = np.zeros_like(base)
-                mixed[s] = np.outer(axis, other @ base[s])
-                lasting.append((hall.gain if axis @ other else hall.cross) * read(mixed))
-    for name in ("inner_radius", "outer_radius", "length"):
-        larger = replace(windings, **{name: getattr(windings, name) + _STEP_M})
-        change = (model(M, centres, sizes=larger) - base) / _STEP_M
-        for coil in np.eye(channels):
-            lasting.append(known.winding * read(change * coil))
-    shape = _SHAPE * np.linalg.norm(base, axis=1)  # (k, m)
-    rest += np.diag(np.concatenate([shape[s] ** 2 for s in sensor]))
-    columns = np.stack(lasting, axis=1)
-    weight = np.linalg.inv(rest + columns @ columns.T)
-    inverse = np.linalg.inv(prior)
+    fit = _CentreFit(device, visible, M, noise)
+    centres, normal = np.zeros((device.channels, 3)), np.empty(0)
     for _ in range(_NEWTON_ITERATIONS):
-        base = model(M, centres)
-        design = []
+        design, normal = fit.linearize(M, centres)
+        right = design.T @ fit.weight @ (fit.read(per_ampere) - fit.read(fit.model(M, centres)))
+        right[M.size :] -= fit.inverse_prior @ centres.ravel()
+        step = np.linalg.solve(normal, right)
+        M = M + step[: M.size].reshape(M.shape)
+        centres = centres + step[M.size :].reshape(centres.shape)
+    spread = np.sqrt(np.diag(np.linalg.inv(normal))[M.size :]).reshape(centres.shape)
+    return M, centres, spread
+
+
+def find_response(device: SphericalElectromagnet, M: Array, centres: Array, noise: Array) -> tuple[Array, Array]:
+    """Change of the far-field moments (3, m, 3 k m) [m²] and centres (m, 3, 3 k m) [m] that a calibration finds, per
+    change of its readings (k, 3, m) [T/A].
+
+    The calibration of `device` found moments M (3, m) [m²] and `centres` (m, 3) [m] from readings with variances
+    `noise` (m,) [T²/A²]. Linear about these.
+    """
+    fit = _CentreFit(device, np.broadcast_to(np.eye(3), (device.sensors, 3, 3)), M, noise)
+    design, normal = fit.linearize(M, centres)
+    gain = np.asarray(np.linalg.solve(normal, design.T @ fit.weight), dtype=np.float64)
+    return gain[: M.size].reshape(*M.shape, -1), gain[M.size :].reshape(*centres.shape, -1)
+
+
+class _CentreFit:
+    """Regression of moments and centres of the coils from fields at the sensors.
+
+    Before anything is read, centres are as [tolerance] says: a winding's own part of the moment moves with the winding,
+    the core's with the core. Sizes of windings, gains, axes and places of sensors are off, too, as the file says: what
+    they can explain weighs less. Linear about the result, all normal (Gelman et al., Bayesian Data Analysis, §14.8).
+
+    weight         (rows m, rows m) inverse covariance of the readings
+    inverse_prior  (3 m, 3 m) of the centres
+    """
+
+    def __init__(self, device: SphericalElectromagnet, visible: Array, M: Array, noise: Array) -> None:
+        known, hall, windings = device.tolerance, device.hall.errors, device.windings
+        assert known is not None
+        assert windings is not None
+        self._device, self._windings, at = device, windings, device.hall.positions
+        channels = device.channels
+        values, vectors = np.linalg.eigh(visible)
+        self._rows = [vectors[s][:, k] for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
+        self._sensor = [s for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
+        parts = windings.parts(device.core)
+        own, answer = (parts / parts.sum(axis=1, keepdims=True)).T
+        shift = windings.answer_shift(device.core)
+        by_core = (answer[:, None, None] * (np.eye(3) + shift)).reshape(-1, 3)
+        prior = known.core_position**2 * by_core @ by_core.T + 1e-18 * np.eye(len(by_core))
+        for number in range(channels):
+            by_winding = own[number] * np.eye(3) - answer[number] * shift[number]
+            block = slice(3 * number, 3 * number + 3)
+            prior[block, block] += known.position**2 * by_winding @ by_winding.T
+        centres, rest = np.zeros((channels, 3)), np.kron(np.eye(len(self._rows)), np.diag(noise))
+        base = self.model(M, centres)
+        lasting: list[Array] = []
+        slopes = [(self.model(M, centres, at + _STEP_M * e) - base) / _STEP_M for e in np.eye(3)]
+        for s in range(len(at)):
+            for axis in np.eye(3):
+                turned, moved = np.zeros_like(base), np.zeros_like(base)
+                turned[s] = np.cross(axis, base[s].T).T
+                moved[s] = sum(part * slope[s] for part, slope in zip(axis, slopes, strict=True))
+                lasting += [hall.angle * self.read(turned), hall.placement * self.read(moved)]
+                for other in np.eye(3):
+                    mixed = np.zeros_like(base)
+                    mixed[s] = np.outer(axis, other @ base[s])
+                    lasting.append((hall.gain if axis @ other else hall.cross) * self.read(mixed))
+        for name in ("inner_radius", "outer_radius", "length"):
+            larger = replace(windings, **{name: getattr(windings, name) + _STEP_M})
+            change = (self.model(M, centres, sizes=larger) - base) / _STEP_M
+            for coil in np.eye(channels):
+                lasting.append(known.winding * self.read(change * coil))
+        shape = _SHAPE * np.linalg.norm(base, axis=1)  # (k, m)
+        rest += np.diag(np.concatenate([shape[s] ** 2 for s in self._sensor]))
+        columns = np.stack(lasting, axis=1)
+        self.weight = np.asarray(np.linalg.inv(rest + columns @ columns.T), dtype=np.float64)
+        self.inverse_prior = np.asarray(np.linalg.inv(prior), dtype=np.float64)
+
+    def read(self, field: Array) -> Array:
+        """(rows m,) readings of a field (k, 3, m)."""
+        return np.stack([row @ field[s] for row, s in zip(self._rows, self._sensor, strict=True)]).ravel()
+
+    def model(
+        self, moments: Array, centres: Array, places: Array | None = None, sizes: Windings | None = None
+    ) -> Array:
+        """(k, 3, m) [T/A] field of coils with far-field `moments` (3, m) [m²] at `places` (k, 3) [m]."""
+        device = self._device
+        at, windings = device.hall.positions if places is None else places, sizes or self._windings
+        return windings.field(device.core, moments, np.inf, at, centres=centres)
+
+    def linearize(self, M: Array, centres: Array) -> tuple[Array, Array]:
+        """(rows m, 6 m) derivative of the readings by moments and centres, and (6 m, 6 m) normal matrix."""
+        base, design = self.model(M, centres), []
         for i in range(3):
-            for j in range(channels):
+            for j in range(len(centres)):
                 more = M.copy()
                 step = _RELATIVE_STEP * float(np.linalg.norm(M[:, j]))
                 more[i, j] += step
-                design.append(read(model(more, centres) - base) / step)
-        for j in range(channels):
+                design.append(self.read(self.model(more, centres) - base) / step)
+        for j in range(len(centres)):
             for axis in np.eye(3):
                 moved = centres.copy()
                 moved[j] += _STEP_M * axis
-                design.append(read(model(M, moved) - base) / _STEP_M)
+                design.append(self.read(self.model(M, moved) - base) / _STEP_M)
         A = np.stack(design, axis=1)
-        normal, right = A.T @ weight @ A, A.T @ weight @ (read(per_ampere) - read(base))
-        normal[M.size :, M.size :] += inverse
-        right[M.size :] -= inverse @ centres.ravel()
-        step_all = np.linalg.solve(normal, right)
-        M = M + step_all[: M.size].reshape(M.shape)
-        centres = centres + step_all[M.size :].reshape(centres.shape)
-    spread = np.sqrt(np.diag(np.linalg.inv(normal))[M.size :]).reshape(centres.shape)
-    return M, centres, spread
+        normal: Array = A.T @ self.weight @ A
+        normal[M.size :, M.size :] += self.inverse_prior
+        return A, normal
 
 
 def find_silent(device: SphericalElectromagnet, currents: Array, fields: Array) -> tuple[int, ...]:

@@ -14,15 +14,16 @@ from haptorb.analysis.error_sources import ChainTrial, CurrentLoop
 from haptorb.analysis.motor_errors import motor_errors
 from haptorb.control.allocation import force_allocator, torque_allocator
 from haptorb.devices.base import State
-from haptorb.devices.field_sensors import SensorErrors
+from haptorb.devices.field_sensors import SensorErrors, SensorSpecimen, draw_sensors
 from haptorb.devices.loader import load
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration
+from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
 from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.rotations import quaternion
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
-from haptorb.simulation.electromagnet_specimen import draw_electromagnet, fill_truth
+from haptorb.simulation.electromagnet_specimen import ElectromagnetSpecimen, draw_electromagnet, fill_truth
 from oracles.repetitions import repetitions
 
 OMNI, PMSM = load("omni"), load("pmsm")
@@ -309,6 +310,52 @@ def test_current_sensors_that_measured_the_moments_cancel_and_field_sensors_do_n
     weaker = replace(OMNI, moment_per_current=OMNI.moment_per_current / (1 + OMNI.hall.errors.gain))
     error = calibrated.wrench_error(point, perturb(calibrated, **{"field_sensors,_gain": 1}))
     assert error == pytest.approx(force_of(weaker, point))
+
+
+def calibrate_built(built: ElectromagnetSpecimen, sensors: SensorSpecimen, shift: np.ndarray) -> MagneticCalibration:
+    """The calibration of a device with those coils and sensors, whose coils and core are off by `shift` [m]."""
+    places = OMNI.hall.positions + sensors.placement - shift
+    fields = sensors.mixing @ built.compute_fields(built.compute_map(OMNI.dome_radius), places)
+    currents = excitation(OMNI, levels=1, repeats=1)
+    return magnetic_calibration(OMNI, currents, currents, np.einsum("sim,nm->nsi", fields, currents))
+
+
+def test_what_a_calibration_leaves_of_coils_core_and_sensors_is_that_of_a_built_and_calibrated_device() -> None:
+    """Centres, sizes of the windings, the core's place and the sensors' errors go through the regression together."""
+    exact = {"core_shape": 0.0, "turns_per_layer": 0.0, "earth_field": 0.0, "core_permeability": (1e5, 1e6)}
+    made = replace(
+        OMNI,
+        tolerance=OMNI.tolerance.model_copy(update=exact),
+        uncertainty=OMNI.uncertainty.model_copy(update={"remanence": 0.0, "core_radius": 0.0}),
+    )
+    currents = excitation(OMNI, levels=1, repeats=1)
+    nominal = np.einsum("sim,nm->nsi", OMNI.coil_fields(OMNI.hall.positions), currents)
+    own = magnetic_calibration(OMNI, currents, currents, nominal)
+    known = Calibration(
+        "omni", OMNI.digest, own.moment_per_current, own.uncertainty, np.zeros((9, 3)), OMNI.coils.resistance, 1e-5,
+        2.0, 1e-3, None, True, centres=own.centres, centre_uncertainty=own.centre_uncertainty,
+    )  # fmt: skip
+    model, rng, expected, found = tool_errors(OMNI, 0.07, None, known, 0.0), np.random.default_rng(21), [], []
+    matrix, passive, per_moment = np.empty((6, 3)), np.empty(6), np.empty((6, 3))
+    for specimen in range(repetitions(12, 100)):
+        built, sensors = draw_electromagnet(made, specimen), draw_sensors(OMNI.hall.errors, 9, specimen)
+        shift = OMNI.uncertainty.core_place * rng.standard_normal(3)
+        believed = calibrate_built(built, sensors, shift).apply(OMNI)
+        truth = built.compute_map(OMNI.dome_radius)
+        for region in range(3):
+            point, trial = model.draw_point(region, rng), model.make_trial()
+            wrench_map = believed.wrench_map(State.at(point.p, R_SR=point.R), "exact")
+            wanted = force_allocator(believed).allocate(wrench_map, point.wrench).currents
+            fill_truth(truth, point.R, point.p - shift, matrix, passive, per_moment)
+            expected.append(point.R.T @ (matrix @ wanted + passive - point.wrench)[:3])
+            trial.shift[:], trial.placement[:], trial.mixing[:] = shift, sensors.placement, sensors.mixing - np.eye(3)
+            trial.built.core[:], trial.built.offsets[:] = built.core_place, built.coils.position
+            for row, name in enumerate(SIZES):
+                trial.built.sizes[row] = getattr(built.coils, name) - getattr(OMNI.windings, name)
+            found.append(model.wrench_error(point, trial))
+    assert np.sqrt(np.mean(np.square(expected))) > 5e-4
+    left = np.linalg.norm(np.subtract(found, expected)) / np.linalg.norm(expected)
+    assert left < 0.25  # of second order in the errors: 6 % of the variance
 
 
 @pytest.mark.parametrize("asked", [0.0, -0.1, 5.0])
