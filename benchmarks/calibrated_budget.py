@@ -5,8 +5,8 @@
 Each device is drawn and built as in `error_budget.py`, and calibrated by the lines of `haptorb calibrate`, by its own
 current sensors and field sensors, which are wrong. The loop believes what was found. With `--estimator hall` the field
 sensors are calibrated as well (steps `fields` and `sensors`), which takes half a minute for each device. The band comes
-from the calibration of another device, which is as its file says: what a calibration says of its own uncertainty hardly
-differs from device to device.
+from the calibration of one simulated device, specimen SEED, for half of its smallest peak force: what a calibration
+leaves hardly differs from device to device, and the force that is asked for does by 10 mN.
 """
 
 from __future__ import annotations
