@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -277,6 +277,7 @@ def _draw_electromagnets_once() -> Iterator[None]:
             maps[id(drawn[key][1])] = {}
         return drawn[key][1]
 
+    @wraps(compute)
     def compute_once(built: Any, nearest: float) -> Any:
         made = maps.get(id(built))
         if made is None:

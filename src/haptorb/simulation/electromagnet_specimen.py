@@ -101,7 +101,18 @@ class ElectromagnetSpecimen:
         return stretch
 
     def compute_map(self, nearest: float) -> TruthMap:
-        """Data for compiled code; charges come no nearer to the core's centre than `nearest` [m]."""
+        """Data for compiled code.
+
+        Parameters
+        ----------
+        nearest : float
+            Distance from the core's centre below which no charge of the tool's magnet comes [m].
+
+        Returns
+        -------
+        TruthMap
+            Loops, charges and answers of the core, for the functions of this module.
+        """
         stretch, place = self.compute_stretch(), self.core_place
         count = 3 if self.coils is None else len(self.coils.turns)
         loops = self.list_loops(*_LOOPS)

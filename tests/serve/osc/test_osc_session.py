@@ -18,6 +18,7 @@ from haptorb.errors import InputError
 from haptorb.runtime.world_change import description
 from haptorb.serve.osc import LEASE, MOST, NEWEST, OscSession, prepare, serve
 from haptorb.worlds import Dome, Nothing, Remote
+from haptorb.worlds.client_force import HOLD
 from serve.published_loop import PublishedLoop
 
 
@@ -272,13 +273,17 @@ def test_nonsense_is_counted_and_nothing_else_happens(setting: Setting, data: by
 
 def test_the_newest_of_a_flood_counts_and_the_rest_is_counted(setting: Setting) -> None:
     flooding, other = setting.connect(), setting.connect()
-    for i in range(400):
-        flooding.say("/haptorb/force", float(i % 7), 0.0, 0.0)
-    flooding.say("/haptorb/force", 3.5, 0.0, 0.0)
-    other.say("/haptorb/subscribe")
-    for _ in range(5):
-        setting.look()
-    assert setting.loop.receive()[0] == [3.5, 0.0, 0.0]
+    for _ in range(20):  # a flood that waited longer for a processor than a force is held is sent again
+        for i in range(400):
+            flooding.say("/haptorb/force", float(i % 7), 0.0, 0.0)
+        flooding.say("/haptorb/force", 3.5, 0.0, 0.0)
+        other.say("/haptorb/subscribe")
+        sent = monotonic()
+        for _ in range(5):
+            setting.look()
+        if (force := setting.loop.receive()[0]) != [0.0, 0.0, 0.0] or monotonic() < sent + HOLD:
+            break
+    assert force == [3.5, 0.0, 0.0]
     assert "/haptorb/subscribed" in other.read()
     report = setting.report()
     assert report["received"] + report["unread"] >= 402
