@@ -23,7 +23,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from threading import RLock
+from threading import RLock, Thread
 from typing import Any, TypeVar, cast
 
 from haptorb.errors import HaptorbError, InputError
@@ -57,14 +57,14 @@ _NUMBERS = ("numpy", "scipy", "numba")
 
 def check_versions(client: Any, address: str) -> None:
     """Raise InputError, with both versions, unless scheduler and workers of the Dask `client` match this computer."""
-    found = client.get_versions(packages=_NUMBERS)
+    found = _call_aside(lambda: client.get_versions(packages=_NUMBERS))
     here = _list_packages(found["client"])
     scheduler = _list_packages(found["scheduler"])
     _refuse(f"the Dask scheduler at '{address}' has", scheduler, here, ("Python", *_DASK[:2]))
     owner = f"the Dask workers at '{address}' have"
     for worker in found["workers"].values():
         _refuse(owner, _list_packages(worker), here, ("Python", *_DASK, *_NUMBERS))
-    for worker in client.run(_make_version_reporter(), on_error="return").values():
+    for worker in _call_aside(lambda: client.run(_make_version_reporter(), on_error="return")).values():
         versions = {"haptorb": worker} if isinstance(worker, str) else {}  # an exception: a worker without haptorb
         _refuse(owner, versions, {"haptorb": __version__}, ("haptorb",))
 
@@ -144,7 +144,28 @@ def open_cluster(address: str) -> Iterator[Any]:
 
 def count_threads(client: Any) -> int:
     """Return the number of threads of all present workers."""
-    return sum(client.nthreads().values())
+    return sum(_call_aside(client.nthreads).values())
+
+
+def _call_aside(function: Callable[[], Any]) -> Any:
+    """Call a function of distributed in another thread; return its result, or raise its exception.
+
+    Python handles signals in the main thread only. A Ctrl-C inside such a call can come between the request to the
+    client's event loop and the answer's place, and the event loop then prints a traceback beside the program's message.
+    """
+    answer = SimpleQueue[Any]()
+
+    def call() -> None:
+        try:
+            answer.put((function(), None))
+        except BaseException as cause:
+            answer.put((None, cause))
+
+    Thread(target=call, name="question to the Dask cluster", daemon=True).start()
+    result, cause = answer.get()
+    if cause is not None:
+        raise cause
+    return result
 
 
 def run_jobs(
@@ -178,7 +199,7 @@ def run_jobs(
             future = _wait_for_one(client, done)
             job = pending.pop(future)
             try:
-                result = future.result()
+                result = _call_aside(future.result)
             except Exception as cause:
                 if killed is None or type(cause).__name__ != "KilledWorker":
                     raise
@@ -190,7 +211,7 @@ def run_jobs(
         raise InputError(f"the Dask cluster at '{address}' failed: {_shorten(cause)}; {after}") from cause
     finally:
         if pending and client.status == "running":
-            client.cancel(list(pending))
+            _call_aside(lambda: client.cancel(list(pending)))
 
 
 def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
@@ -201,7 +222,7 @@ def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:
             return done.get(timeout=_WORKER_CHECK_INTERVAL_S)
         except Empty:
             now = time.monotonic()
-            deserted = None if client.nthreads() else (deserted or now)
+            deserted = None if count_threads(client) else (deserted or now)
             if deserted is not None and now - deserted > _NO_WORKER_TIMEOUT_S:
                 raise RuntimeError(f"it has had no worker for {_NO_WORKER_TIMEOUT_S:.0f} s") from None
 
@@ -225,7 +246,7 @@ def _make_call(module: str, name: str, versions: dict[str, str]) -> Callable[[An
 
 def _check_cluster(client: Any, address: str) -> None:
     """Raise InputError unless the cluster has workers, with the versions of this computer."""
-    if not client.nthreads():
+    if not count_threads(client):
         raise InputError(f"the Dask scheduler at '{address}' has no workers: start some with `dask worker {address}`")
     try:
         check_versions(client, address)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from haptorb import cluster
-from haptorb.cluster import check_versions, list_versions, open_cluster
+from haptorb.cluster import check_versions, count_cores, list_versions, open_cluster, run_jobs
 from haptorb.errors import InputError
 
 distributed = pytest.importorskip("distributed")
@@ -74,3 +76,49 @@ def test_another_version_is_refused_with_both(whose: str, package: str, version:
     assert message in str(told.value)
     check_versions(OtherCluster("scheduler", "numpy", None), "tcp://a:1")  # which only hands jobs on
     check_versions(OtherCluster("workers", "python", "3.11.9.final.0"), "tcp://a:1")
+
+
+class Cluster:
+    """A client of one computer that computes each job when it gets it; it notes the threads that ask it."""
+
+    status = "running"
+    scheduler = SimpleNamespace(address="tcp://127.0.0.1:8786")
+
+    def __init__(self) -> None:
+        self.asked: list[threading.Thread] = []
+
+    def nthreads(self) -> dict[str, int]:
+        self.asked.append(threading.current_thread())
+        return {"w": 1}
+
+    def map(self, call: Any, jobs: list[Any], pure: bool) -> list[Any]:
+        return [Computed(self, job) for job in jobs]
+
+    def cancel(self, futures: list[Any]) -> None:
+        self.asked.append(threading.current_thread())
+
+
+class Computed:
+    """The result of a job, which is the job."""
+
+    def __init__(self, client: Cluster, job: Any) -> None:
+        self._client, self._job = client, job
+
+    def add_done_callback(self, tell: Any) -> None:
+        tell(self)
+
+    def result(self) -> Any:
+        self._client.asked.append(threading.current_thread())
+        return self._job
+
+
+def test_no_signal_arrives_inside_a_call_of_distributed() -> None:
+    """Python runs handlers of signals in the main thread only. In a call of distributed, one makes it print a traceback
+    beside the program's own message."""
+    client = Cluster()
+    assert list(run_jobs(client, count_cores, range(5))) == [0, 1, 2, 3, 4]
+    half = run_jobs(client, count_cores, range(5))
+    next(half)
+    half.close()
+    assert len(client.asked) > 8
+    assert threading.main_thread() not in client.asked
