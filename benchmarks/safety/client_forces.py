@@ -36,7 +36,7 @@ from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.shared_memory import Phase, SharedMemory
 from haptorb.runtime.trackers.base import Goal, Tracker
-from haptorb.runtime.world_change import description
+from haptorb.runtime.world_requests import description
 from haptorb.serve import base, haply_protocol
 from haptorb.serve.base import ServedDevice
 from haptorb.serve.haply import reply

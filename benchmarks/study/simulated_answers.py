@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from haptorb_study.columns import Columns
 from haptorb_study.order import plan, procedure_of
 from haptorb_study.prompts import Answer, Prompt
-from haptorb_study.statistics.psychometric import LevelCounts
+from haptorb_study.statistics.psychometric_function import LevelCounts
 from haptorb_study.study_file import Study, study_of
 
 LEVELS = np.linspace(0.6, 1.4, 9)

@@ -24,7 +24,7 @@ from haptorb_study.analysis.report import write_report
 from haptorb_study.database import database, trials
 from haptorb_study.prompts import Prompt
 from haptorb_study.statistics.population import fit_group
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 

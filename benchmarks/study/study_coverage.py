@@ -52,7 +52,7 @@ from haptorb_study.analysis.analysis import analyse
 from haptorb_study.statistics.intervals import mean_interval, share_interval
 from haptorb_study.statistics.person_fit import fit_person
 from haptorb_study.statistics.population import fit_group
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 _ROWS = ["group", "corners", "misfit", "door", "adaptive"]
 PEOPLE, SPREADS = (6, 12, 24), (0.0, 0.05, 0.15)

@@ -42,8 +42,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from haptorb_study.statistics.population import fit_group
-from haptorb_study.statistics.psychometric import LevelCounts
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LevelCounts
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 LOW, HIGH = 0.6, 1.4
 SPREADS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, np.inf)  #: over the range

@@ -27,7 +27,7 @@ from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
 from haptorb.devices.weight_regulator import Regulator, torque_over_sine
 from haptorb.errors import GeometryError, InputError, UnknownName
-from haptorb.estimation.hall_fit import position_accuracy
+from haptorb.estimation.hall_pose_fit import position_accuracy
 from haptorb.magnetics.coil import COPPER_DENSITY, Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, dipole_on_charges
 from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums, weigh_charges

@@ -230,7 +230,7 @@ def feel_with_console(
 ) -> int:
     """Run the session with page and terminal until it is finished; returns the signal's number, or 0."""
     from haptorb.runtime.linux import run_uninterrupted
-    from haptorb.runtime.world_change import name_of
+    from haptorb.runtime.world_requests import name_of
     from haptorb.web.console import Console
     from haptorb.web.server import freeze_garbage
     from haptorb.web.session import target_scene

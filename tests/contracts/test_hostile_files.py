@@ -26,7 +26,7 @@ from haptorb.file_kind import FileKind
 from haptorb.json_file import numbers, parse_document
 from haptorb.recording import destination
 from haptorb.recording.recording import Recording
-from haptorb.runtime.world_change import change_world, parse_request, request
+from haptorb.runtime.world_requests import change_world, parse_request, request
 from haptorb_study.columns import COLUMNS
 from haptorb_study.export_table import write_csv
 from haptorb_study.study_file import study_of

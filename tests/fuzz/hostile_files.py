@@ -52,7 +52,7 @@ from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.hand_file import read_hand
 from haptorb.runtime.trackers.replay import load_poses
-from haptorb.runtime.world_change import change_world, parse_request, request
+from haptorb.runtime.world_requests import change_world, parse_request, request
 from haptorb.worlds.base import parameters
 from haptorb_study.feel.designs import load_designs
 from haptorb_study.feel.session import FeelSession

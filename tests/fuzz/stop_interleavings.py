@@ -39,7 +39,7 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import SharedMemory, Word
-from haptorb.runtime.world_change import request
+from haptorb.runtime.world_requests import request
 from haptorb.web import console_hub
 from haptorb.worlds import find_world
 from haptorb_study.pages.session_manager import SessionManager

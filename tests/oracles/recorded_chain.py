@@ -16,7 +16,7 @@ from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.world_change import description
+from haptorb.runtime.world_requests import description
 from haptorb.worlds import find_world
 from haptorb.worlds.base import World
 

@@ -12,7 +12,7 @@ import numpy as np
 from haptorb.devices.loader import load
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
-from haptorb.runtime.world_change import description
+from haptorb.runtime.world_requests import description
 from haptorb.serve.base import ServedDevice
 from haptorb.worlds import World
 from haptorb.worlds.dynamic import make_client_force

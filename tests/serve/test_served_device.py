@@ -8,7 +8,7 @@ import math
 import pytest
 
 from haptorb.runtime.shared_memory import CAPACITY, Phase, Word
-from haptorb.runtime.world_change import description
+from haptorb.runtime.world_requests import description
 from haptorb.serve import base
 from haptorb.worlds import Remote, Terrain
 from haptorb.worlds.client_force import FADE

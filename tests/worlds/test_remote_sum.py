@@ -7,7 +7,7 @@ import json
 import pytest
 
 from haptorb.errors import InputError
-from haptorb.runtime.world_change import change_world, description, name_of, values_of
+from haptorb.runtime.world_requests import change_world, description, name_of, values_of
 from haptorb.worlds import Dome, Remote, RollingBall, Wall
 from haptorb.worlds.client_force import split_remote
 

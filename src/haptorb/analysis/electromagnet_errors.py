@@ -42,7 +42,7 @@ from haptorb.display import format_quantity
 from haptorb.errors import UnknownName
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.coil_calibration import find_response
-from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
+from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.estimation.hall_tracker import CALIBRATED
 from haptorb.magnetics.coil import CentredCoil
 from haptorb.magnetics.magnets import ChargedRing

@@ -24,7 +24,7 @@ from haptorb.estimation.coil_calibration import (
     excitation,
     find_silent,
 )
-from haptorb.estimation.hall_fit import ToolModel, tool_field
+from haptorb.estimation.hall_pose_fit import ToolModel, tool_field
 from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.estimation.heat_calibration import NetworkIdentification
 from haptorb.estimation.sensor_calibration import CoilReadings, SensorCalibration, ToolTour, calibrate_sensors

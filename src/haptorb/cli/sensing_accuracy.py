@@ -16,7 +16,7 @@ from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, ele
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.display import format_quantity
 from haptorb.errors import InputError
-from haptorb.estimation.hall_fit import better_sensors, with_sensors
+from haptorb.estimation.hall_pose_fit import better_sensors, with_sensors
 from haptorb.estimation.hall_tracker import noise_share
 from haptorb.estimation.sensor_calibration import (
     SensorKnowledge,

@@ -13,7 +13,7 @@ import numpy as np
 
 from haptorb.arrays import Array, Record, Records, fields, state_zeros
 from haptorb.compiled import kernel
-from haptorb.control.client_force_rate import RAMP_UP_S, limit_client_rate, note_uncommanded
+from haptorb.control.force_transitions import RAMP_UP_S, limit_client_rate, note_uncommanded
 from haptorb.control.missed_deadlines import CLOCK, advance_clock, make_clock
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device

@@ -14,8 +14,8 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, StateArray, Stateful, state_zeros
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.control import guard
-from haptorb.control.client_force_rate import pass_over
 from haptorb.control.drive import check_currents, choose_duties, lag_of, rest_coils
+from haptorb.control.force_transitions import pass_over
 from haptorb.control.guard import (
     begin_tick,
     check_estimate,

@@ -43,7 +43,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet_wrench_map import axis_frame
 from haptorb.errors import GeometryError, InputError
 from haptorb.estimation.controller_model import ControllerModel
-from haptorb.estimation.hall_fit import (
+from haptorb.estimation.hall_pose_fit import (
     ToolModel,
     coil_field,
     fit_tool,
@@ -449,7 +449,7 @@ TRACKER = fields(
     ("moment_noise", "f8", (3, 3)),  # covariance of the moment from the currents' noise [A²·m⁴]
     ("swing", "f8"),  # error of the field from quickly changing currents [T]
     ("limit", "f8"),  # limit on the residual [T]
-    ("weight", "f8", (3, 3)),  # G of `hall_fit.fit_tool`: covariance of the moment [A²·m⁴/T²]
+    ("weight", "f8", (3, 3)),  # G of `hall_pose_fit.fit_tool`: covariance of the moment [A²·m⁴/T²]
     ("rates", "f8", (5,)),  # of the position [m/s] and of the rotations about the mover's x and y [rad/s]
     # state
     ("lagged_at", "f8"),  # time of the last currents filtered by the lag [s]

@@ -15,7 +15,7 @@ from haptorb.devices.core_parameters import CoreDynamics
 from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
 from haptorb.devices.field_sensors import FieldSensors, SensorCorrection, SensorErrors
 from haptorb.errors import CalibrationError, quote
-from haptorb.estimation.hall_fit import ToolModel, coil_field, moment_field, tool_field
+from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.json_file import numbers
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0

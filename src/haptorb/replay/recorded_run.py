@@ -24,7 +24,7 @@ from haptorb.runtime.config import RunConfig, find_number, read_object
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
-from haptorb.runtime.world_change import description
+from haptorb.runtime.world_requests import description
 from haptorb.worlds.base import World, check_part, parameters
 from haptorb.worlds.client_force import Remote, join_remote, split_remote
 from haptorb.worlds.dynamic import CLIENT_FORCE, BoundWorld, DynamicWorld, MemoryField

@@ -35,7 +35,7 @@ from haptorb.runtime.clock import check_rate
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import MODEL, NO_TICK, TickCommand, find_model
 from haptorb.runtime.tick_state import load_state
-from haptorb.runtime.world_change import description, name_of
+from haptorb.runtime.world_requests import description, name_of
 from haptorb.worlds.base import World
 from haptorb.worlds.client_force import join_remote
 from haptorb.worlds.dynamic import DynamicWorld

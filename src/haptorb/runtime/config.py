@@ -30,7 +30,7 @@ from haptorb.runtime.drivers.registry import check_driver, is_real
 from haptorb.runtime.hand_file import choose_hand
 from haptorb.runtime.trackers.feed_tracker import PREDICTION, check_prediction
 from haptorb.runtime.trackers.registry import check_frame, check_tracker, has_feed
-from haptorb.runtime.world_change import description, name_of
+from haptorb.runtime.world_requests import description, name_of
 from haptorb.simulation.hand_motion import ScriptedMotion
 from haptorb.worlds.base import World, WrenchPart, check_part
 from haptorb.worlds.dynamic import check_world_period

@@ -25,8 +25,8 @@ from haptorb.runtime.shared_memory import BINS, COUNTS, Phase, SharedMemory, Wor
 from haptorb.runtime.tick import Chain
 from haptorb.runtime.tick_log import NO_TICK
 from haptorb.runtime.tick_state import TickState
-from haptorb.runtime.world_change import answer, change_world, description, name_of, parse_request, postponement
 from haptorb.runtime.world_loading import LoadedWorld, WorldLoader
+from haptorb.runtime.world_requests import answer, change_world, description, name_of, parse_request, postponement
 from haptorb.worlds.base import World
 from haptorb.worlds.client_force import join_remote, split_remote
 

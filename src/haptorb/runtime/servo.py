@@ -61,8 +61,8 @@ from haptorb.runtime.shared_memory import BUTTONS, TRIPS, SharedMemory, Word, en
 from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.runtime.trackers.pose_filter import describe_missing_pose
 from haptorb.runtime.trackers.registry import Preparation, prepare_tracker
-from haptorb.runtime.world_change import name_of, parse_answer, parse_postponement, request, values_of
 from haptorb.runtime.world_loading import WorldWatcher
+from haptorb.runtime.world_requests import name_of, parse_answer, parse_postponement, request, values_of
 from haptorb.simulation.hand_motion import PathFunction, ScriptedMotion
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import PARTS, World, WrenchPart

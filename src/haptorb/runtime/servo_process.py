@@ -49,9 +49,9 @@ from haptorb.runtime.tick_state import TickState
 from haptorb.runtime.trackers.base import Tracker
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.warm_up import Compilation, dry_run, find_uncompiled, list_companions
-from haptorb.runtime.world_change import description
 from haptorb.runtime.world_loading import WorldLoader
 from haptorb.runtime.world_output import WorldOutput
+from haptorb.runtime.world_requests import description
 from haptorb.worlds.base import World
 from haptorb.worlds.user_world import keep_source, try_world
 

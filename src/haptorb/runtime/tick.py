@@ -534,7 +534,7 @@ class Tick(Stateful):
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
-        the same with other values without a step (`client_force.pass_over`).
+        the same with other values without a step (`force_transitions.pass_over`).
 
         In another kind of world the object is reset; with other parameters it keeps its pose, and a world with memory
         keeps its memory according to its own rule.

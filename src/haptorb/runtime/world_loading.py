@@ -27,8 +27,8 @@ from haptorb.recording.row import RowLayout
 from haptorb.runtime.prestart import code_note
 from haptorb.runtime.tick import Chain
 from haptorb.runtime.warm_up import find_uncompiled, list_companions
-from haptorb.runtime.world_change import name_of
 from haptorb.runtime.world_output import show
+from haptorb.runtime.world_requests import name_of
 from haptorb.worlds.base import World, parameters
 from haptorb.worlds.base import values as parameter_values
 from haptorb.worlds.client_force import split_remote

@@ -30,7 +30,7 @@ from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.tick import StepWatch
 from haptorb.runtime.tick_log import TickFailure
-from haptorb.runtime.world_change import change_world, description, name_of
+from haptorb.runtime.world_requests import change_world, description, name_of
 from haptorb.serve.base import Serving, add_client_force, check_servers, hold_tool
 from haptorb.simulation.hand_motion import SampledPath, ScriptedMotion
 from haptorb.worlds import CATALOGUE

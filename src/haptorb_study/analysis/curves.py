@@ -13,8 +13,8 @@ from haptorb_study.columns import Columns
 from haptorb_study.json_values import json_number
 from haptorb_study.statistics.person_fit import REVERSED, PersonFit, fit_person
 from haptorb_study.statistics.population import NormalEffect, Population, fit_group
-from haptorb_study.statistics.psychometric import LevelCounts, PsychometricCurve, count_by_level
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricCurve, count_by_level
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 __all__ = ["JND", "ConditionCurves", "effect_numbers", "fit_curves"]
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb_study.json_values import json_number
-from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts, PsychometricCurve, PsychometricGrid
-from haptorb_study.statistics.slope_likelihood import MAX_LAPSE_RATE, SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LAPSE_EDGES, LevelCounts, PsychometricCurve, PsychometricGrid
+from haptorb_study.statistics.psychometric_likelihood import MAX_LAPSE_RATE, SlopeLikelihood
 
 __all__ = [
     "FLAT",

@@ -17,8 +17,8 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.errors import InputError
-from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts, PsychometricGrid
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LAPSE_EDGES, LevelCounts, PsychometricGrid
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 __all__ = ["NormalEffect", "Population", "fit_group", "fit_normal_effect", "fit_population"]
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.loader import load
-from haptorb.estimation.hall_fit import ToolModel, coil_field, tool_field
+from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, tool_field
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.hall_fit import (
+from haptorb.estimation.hall_pose_fit import (
     ToolModel,
     better_sensors,
     coil_field,

@@ -10,7 +10,7 @@ from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.field_sensors import SensorErrors, draw_sensors
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError
-from haptorb.estimation.hall_fit import ToolModel
+from haptorb.estimation.hall_pose_fit import ToolModel
 from haptorb.estimation.hall_tracker import HallTracker
 from haptorb.estimation.sensor_calibration import (
     SensorKnowledge,

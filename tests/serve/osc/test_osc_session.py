@@ -15,7 +15,7 @@ from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.errors import InputError
-from haptorb.runtime.world_change import description
+from haptorb.runtime.world_requests import description
 from haptorb.serve.osc import LEASE, MOST, NEWEST, OscSession, prepare, serve
 from haptorb.worlds import Dome, Nothing, Remote
 from haptorb.worlds.client_force import HOLD

@@ -12,8 +12,8 @@ from scipy.stats import beta, norm, t
 
 from haptorb.errors import InputError
 from haptorb_study.statistics.population import fit_group, fit_normal_effect, fit_population
-from haptorb_study.statistics.psychometric import LevelCounts, PsychometricGrid
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricGrid
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 X = np.linspace(0.6, 1.4, 9)
 

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from haptorb.arrays import Array
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet, electromagnet
-from haptorb.estimation.hall_fit import better_sensors, position_accuracy, with_sensors
+from haptorb.estimation.hall_pose_fit import better_sensors, position_accuracy, with_sensors
 from haptorb.estimation.hall_tracker import HallTracker, noise_share
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
@@ -32,8 +32,9 @@ __all__ = ["bound", "clamp_tool", "items", "placements", "position_map", "shell_
 # --------------------------------------------------------------------------------------------------
 # The tool's place from the Hall sensors, tried: the simulated device with its noise, read at 1 kHz by the tracker.
 #
-# Nothing here comes from the formula of `hall_fit.position_accuracy`: the field is the simulation's, its readings have
-# noise and steps, the coils' currents are measured as a driver measures them, the tracker finds the tool from nothing.
+# Nothing here comes from the formula of `hall_pose_fit.position_accuracy`: the field is the simulation's, its readings
+# have noise and steps, the coils' currents are measured as a driver measures them, the tracker finds the tool from
+# nothing.
 
 
 _SETTLED = 40  #: ticks after which currents and filter are what they stay

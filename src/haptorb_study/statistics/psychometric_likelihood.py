@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array
-from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts, PsychometricCurve
+from haptorb_study.statistics.psychometric_function import LAPSE_EDGES, LevelCounts, PsychometricCurve
 
 __all__ = ["MAX_LAPSE_RATE", "Direction", "SlopeLikelihood"]
 

@@ -1,6 +1,6 @@
 """Psychometric functions against scipy: maximum likelihood, posterior by brute force, deviance.
 
-Limits of threshold and spread: test_slope_likelihood.py.
+Limits of threshold and spread: test_psychometric_likelihood.py.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from scipy.stats import beta, binom
 
 from haptorb.errors import InputError
 from haptorb_study.statistics.person_fit import PersonFit, fit_person, psychometric_fit
-from haptorb_study.statistics.psychometric import LevelCounts, PsychometricGrid, count_by_level
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricGrid, count_by_level
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 X = np.linspace(0.7, 1.3, 7)
 YES = np.array([[1.0, 2, 6, 13, 19, 24, 25], [0, 4, 9, 20, 23, 25, 24]])

@@ -15,8 +15,8 @@ from scipy.stats import norm
 
 from haptorb_study.statistics.person_fit import FLAT, NO_LIMIT, REVERSED, UPPER_LIMIT, fit_person
 from haptorb_study.statistics.population import fit_group
-from haptorb_study.statistics.psychometric import LAPSE_EDGES, LevelCounts
-from haptorb_study.statistics.slope_likelihood import SlopeLikelihood
+from haptorb_study.statistics.psychometric_function import LAPSE_EDGES, LevelCounts
+from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 ROOT = Path(__file__).resolve().parents[3]
 X = np.linspace(0.6, 1.4, 9)
