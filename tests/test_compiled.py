@@ -77,6 +77,22 @@ print(double.double(1.0))
         assert done.stdout.strip() == expected
 
 
+def test_it_is_known_whether_a_kernel_is_in_the_cache(tmp_path: Path) -> None:
+    program = """
+from haptorb.compiled import has_cached_code
+from haptorb.magnetics.elliptic_integrals import integrals, third_kind
+from haptorb.magnetics.current_sheets import zonal
+print(has_cached_code(integrals), integrals(0.5, 0.75)[0] > 0.0, has_cached_code(integrals), has_cached_code(zonal))
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment["XDG_CACHE_HOME"] = str(tmp_path)
+    for before in ("False", "True"):
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.stdout.split() == [before, "True", "True", "False"], done.stderr
+
+
 @pytest.mark.parametrize("room", ["tick", "drivers", "loop", "trackers.tracker_process"])
 def test_what_runs_beside_a_clock_has_the_compiler_loaded(room: str) -> None:
     assert output_of(f"import sys, haptorb.runtime.{room}; print('numba' in sys.modules)") == "True"

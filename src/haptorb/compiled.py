@@ -36,6 +36,7 @@ __all__ = [
     "UncompiledKernelError",
     "exact_kernel",
     "forbid_compiling",
+    "has_cached_code",
     "kernel",
     "load_compiler",
     "on_compiling",
@@ -172,6 +173,15 @@ def _folder(path: Path) -> str:
         for entry in old:
             shutil.rmtree(entry, ignore_errors=True)
     return str(folder)
+
+
+def has_cached_code(function: Callable[..., Any]) -> bool:
+    """Whether the cache has code of the kernel `function`, or of another one in its file, in its present state.
+
+    True without a cache: nobody can put code there.
+    """
+    folder = _folder(_find_source(getattr(function, "__wrapped__", function)))
+    return not folder or any(Path(folder).rglob("*.nbi"))
 
 
 def _name_state(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Zonal field of a coil about a soft sphere's centre: closed-form field of the coil, and the sphere's charges."""
+"""Zonal fields of a coil, about a soft sphere's centre and around its own: closed-form field of the coil, and the sphere's charges."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptorb.errors import GeometryError
-from haptorb.magnetics.coil import CentredCoil, Coil
+from haptorb.magnetics.coil import CentredCoil, Coil, InteriorCoil
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 COIL = Coil(120.0, 19e-3, 25e-3, 17e-3)
@@ -39,3 +39,14 @@ def test_what_the_core_adds_is_its_dipole_in_the_coils_field() -> None:
 def test_points_within_coil_or_core_are_refused() -> None:
     with pytest.raises(GeometryError, match="within coil or core"):
         CentredCoil(COIL, SoftSphere(15e-3), 26e-3)
+
+
+@pytest.mark.parametrize("size", [(19e-3, 25e-3, 17e-3), (19e-3, 19.6e-3, 40e-3), (5e-3, 30e-3, 2e-3)])
+def test_around_the_coils_centre_it_is_the_closed_field(size: tuple[float, float, float]) -> None:
+    coil = Coil(120.0, *size)
+    unit = POINTS / np.linalg.norm(POINTS, axis=1)[:, None]
+    for share in (0.0, 0.3, 0.7, 0.9):  # of the inner radius; beyond 3/4 of it there is no series
+        at = share * size[0] * unit.reshape(3, 20, 3)
+        exact = coil.field(at)
+        assert np.abs(InteriorCoil(coil).field(at) - exact).max() < 1e-12 * np.abs(exact).max()
+    assert InteriorCoil(coil).moment.tolist() == coil.moment.tolist()

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from haptorb.arrays import Array, check_finite, vectors
 from haptorb.compiled import kernel
@@ -16,13 +16,14 @@ from haptorb.magnetics import source
 from haptorb.magnetics.current_sheets import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import SoftSphere
-from haptorb.magnetics.source import RoundBody, tensor
+from haptorb.magnetics.source import RoundBody, Source, tensor
 
 __all__ = [
     "COPPER_RESISTIVITY",
     "FAR_RADII",
     "CentredCoil",
     "Coil",
+    "InteriorCoil",
     "WindingTable",
     "coil_and_core",
     "integrate_bessel",
@@ -499,6 +500,65 @@ def coil_and_core(coil: Coil, core: SoftSphere, points: Array) -> Array:
         out += (size * slopes[degree + 1])[:, None] * unit
         out[:, 2] -= size * slopes[degree]
     return out
+
+
+_INTERIOR_RATIO = 0.75  #: largest distance from the centre for the interior series, relative to the inner radius
+_INTERIOR_TRUNCATION = 1e-17  #: relative magnitude of the first neglected term, and of the Gauss sums' error
+
+
+@final
+class InteriorCoil(Source):
+    """`coil` of which the field is needed around its centre: a series there, without compiled code.
+
+    With b_l as above the field is Σ b_l/l x^(l−1) (P_l'(r̂·e) e − P_(l−1)'(r̂·e) r̂). Points farther from the centre than
+    3/4 of the inner radius have the closed form of `coil`.
+
+    >>> coil, at = Coil(100.0, 0.02, 0.025, 0.03), (0.003, -0.005, 0.01)
+    >>> bool(np.allclose(InteriorCoil(coil).field(at), coil.field(at), rtol=1e-12, atol=0.0))
+    True
+    """
+
+    def __init__(self, coil: Coil) -> None:
+        self.coil = coil
+
+    @property
+    def moment(self) -> Array:
+        """(3,) [A·m² per A]."""
+        return self.coil.moment
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(...,) whether `points` (..., 3) [m] are inside the winding."""
+        return self.coil.contains(points)
+
+    def field_gradient(self, points: ArrayLike) -> Array:
+        """(..., 3, 3) [T/m/A], [i, j] = ∂B_i/∂x_j, in closed form."""
+        return self.coil.field_gradient(points)
+
+    def field(self, points: ArrayLike) -> Array:
+        """(..., 3) [T/A] at `points` (..., 3) [m]."""
+        at, coil = vectors(points, "points"), self.coil
+        x = np.linalg.norm(at, axis=-1)
+        reach = float(x.max(initial=0.0))
+        if reach > _INTERIOR_RATIO * coil.inner_radius:
+            return coil.field(at)
+        small, clear = np.log(_INTERIOR_TRUNCATION), coil.inner_radius - reach
+        order = 2 + int(small / np.log(max(reach / coil.inner_radius, 1e-3)))
+        # Gauss sums converge by the distance of the points from the section, relative to its extent.
+        across = np.arccosh(1 + 2 * clear / (coil.outer_radius - coil.inner_radius))
+        along = np.arcsinh(2 * clear / coil.length)
+        radii, heights, turns = coil.filaments(*(int(np.ceil(-0.5 * small / rate)) for rate in (across, along)))
+        far = np.hypot(radii, heights)
+        c, degrees = heights / far, np.arange(1, order + 1, 2)
+        loops = 0.5 * MU0 * turns * (1 - c * c) * _list_slopes(c, order)[degrees] / far
+        strengths = (loops * (coil.inner_radius / far) ** (degrees[:, None] - 1)).sum(axis=1) / degrees
+        unit = at / np.where(x > 0.0, x, 1.0)[..., None]
+        slopes, ratio = _list_slopes(unit[..., 2], order), x / coil.inner_radius
+        out = np.zeros(at.shape)
+        for degree, strength in zip(degrees.tolist(), strengths.tolist(), strict=True):
+            size = strength * ratio ** (degree - 1)
+            out[..., 2] += size * slopes[degree]
+            out -= (size * slopes[degree - 1])[..., None] * unit
+        return out
 
 
 def _list_slopes(c: Array, order: int) -> Array:

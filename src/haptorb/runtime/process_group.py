@@ -20,6 +20,8 @@ from time import monotonic, monotonic_ns, sleep, time_ns
 from types import FrameType
 from typing import Any, final
 
+from haptorb.compiled import has_cached_code
+from haptorb.control.protection import protect_wrench
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.runtime.black_box import BlackBox
@@ -144,15 +146,17 @@ class CompilerProcess:
     def __init__(self, folder: Path, shared: SharedMemory, errors: Path) -> None:
         self._folder, self._shared, self._errors = folder, shared, errors
         self._begin = monotonic()
+        self._is_first = not has_cached_code(protect_wrench)  # every device needs this one
         self.process: subprocess.Popen[bytes] | None = None
         self._watch: HangWatch | None = None
 
     def help_start(self) -> None:
-        """Start compiling the controller if the servo's process compiles, or takes long to prepare.
+        """Start compiling the controller if its code is not cached, if the servo's process compiles, or takes long.
 
         Not while it opens a device: that may take long, but nothing is compiled then.
         """
-        late = self._shared.words[Word.COMPILED] > 0 or monotonic() > self._begin + _USUAL_START_S
+        late = self._is_first or self._shared.words[Word.COMPILED] > 0
+        late = late or monotonic() > self._begin + _USUAL_START_S
         if self.process is None and late and not self._shared.facts.read()[1]:
             self._run(CONTROLLER)
 

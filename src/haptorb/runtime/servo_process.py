@@ -188,11 +188,15 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
 
 
 def _load() -> None:
-    """Load what any servo needs: its modules, the worlds, and the dependencies of a first compiled function."""
+    """Load what any servo needs: its modules, the worlds, and the dependencies of a first compiled function.
+
+    Nothing is compiled: this world may not be needed.
+    """
     for module in _ALWAYS:
         import_module(module)
     for kind in worlds.CATALOGUE.values():
-        kind()
+        with forbid_compiling(), suppress(UncompiledKernelError):
+            kind()
 
 
 def _warm_up(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
@@ -214,6 +218,8 @@ def _warm_up(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
     with chain.driver:
         for tick in range(_WARM_UP_TICKS):  # the device only: at a first start another process compiles the rest
             chain.prepare(tick / plan.config.rate)
+        if isinstance(chain, Tick):
+            chain.load_row(row)
         load_loop(row, shared.layout.places)
         for tick in range(_WARM_UP_TICKS, 2 * _WARM_UP_TICKS):
             chain.step(row, tick / plan.config.rate)
@@ -221,13 +227,16 @@ def _warm_up(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
         for own in (plan.config.world, *plan.own_worlds.values()):
             for one in (*list_companions(plan.config.device, own), own):
                 dry_run(chain, one, row, now)
-        return frozenset(
-            name for name, kind in worlds.CATALOGUE.items() if not _load_code(plan, chain, kind(), row, now)
-        )
+        return frozenset(name for name, kind in worlds.CATALOGUE.items() if not _load_code(plan, chain, kind, row, now))
 
 
-def _load_code(plan: plans.Plan, chain: Chain, world: World, row: Array, now: float) -> bool:
-    """Load the code of `world`, as far as it is compiled; return whether all of it is."""
+def _load_code(plan: plans.Plan, chain: Chain, kind: type[World], row: Array, now: float) -> bool:
+    """Load the code of the world `kind`, as far as it is compiled; return whether all of it is."""
+    try:
+        with forbid_compiling():
+            world = kind()
+    except UncompiledKernelError:
+        return False
     if world.remembers:  # without a valid pose the chain does not advance it
         with forbid_compiling() as missing, suppress(HaptorbError, UncompiledKernelError):
             try_world(world, plan.config.device)

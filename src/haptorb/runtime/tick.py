@@ -616,6 +616,24 @@ class Tick(Stateful):
             self.driver.prepare(now)
         self._ahead = perf_counter() - t0
 
+    def load_row(self, row: Array) -> None:
+        """Load the code that allocates currents and fills `row` (width,), which has no meaning afterwards; before the
+        first `step`."""
+        still, turn, protection = np.zeros(3), np.eye(3), self.protection
+        with suppress(HaptorbError):
+            self.part.allocator.allocate(WrenchMap(np.zeros((6, self._device.channels)), np.zeros(6)), np.zeros(6))
+        rendered, field = self._render_nothing(0.0), np.zeros((self._device.sensors, 3))
+        body = rendered.object
+        fill_row(
+            row, self._places, protection.state, protection.coils, self.driver.target(), self.driver.truth(),
+            self._applied, field, self._stages,
+        )  # fmt: skip
+        fill_pose(row, self._cells[0], turn, still, still, still, 0.0, False, 0.0, 0.0)
+        fill_object(
+            row, self._places, rendered.share, body.p, body.R_SR, self._object_wrench, rendered.contacts,
+            self._no_memory, self._object,
+        )  # fmt: skip
+
     def step(self, row: Array, now: float) -> None:
         """Run the chain at `now` [s] and fill `row` (width,), all but tick, wall, lateness and missed."""
         times, protection = self._times, self.protection

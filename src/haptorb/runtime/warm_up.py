@@ -123,27 +123,31 @@ class Compilation:
 
     config: RunConfig
 
-    def make_tick(self) -> Chain:
+    def make_tick(self) -> Tick:
         """Make the controller with a stub driver and a stub estimator."""
         return make_idle_tick(self.config.device, self.config.world, self.config.gains)
 
     def compile_controller(self) -> Iterator[None]:
         """Compile the controller with the first world, one part per iteration.
 
-        The estimator comes last: it shares the magnetics with the simulated device, which the servo's process
-        compiles at that time.
+        The estimator and the currents' limits come first, allocation and row last: after its simulated device the
+        servo's process compiles these (`Tick.load_row`), and then needs the rest. So little is compiled twice.
         """
         with suppress(HaptorbError):
             chain, row = self.make_tick(), self._make_row()
             yield
             device, world = self.config.device, self.config.world
-            for n, one in enumerate((world, *list_companions(device, world))):
-                dry_run(chain, one, row, 1e-3 * n)
-                yield
             learning = make_estimator(device, check_estimator(device, self.config.estimator), self.config.model)
             yield
             for n in range(_TICKS):
                 learning.update(chain.driver.read(1e-3 * n))
+                yield
+            sample = chain.driver.read(0.0)
+            idle = _IdleEstimator(device).update(sample)
+            chain.protection.protect_currents(np.zeros(device.channels), idle, sample, np.zeros(device.channels))
+            yield
+            for n, one in enumerate((world, *list_companions(device, world))):
+                dry_run(chain, one, row, 1e-3 * n)
                 yield
 
     def compile_catalogue(self, find_wanted: Callable[[], str]) -> Iterator[str]:

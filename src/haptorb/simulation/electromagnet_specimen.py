@@ -22,13 +22,13 @@ from haptorb.devices.coil_array import PlacedCoils, place_coils
 from haptorb.devices.coil_array_wrench_map import place_charges
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import GeometryError
+from haptorb.magnetics.coil import InteriorCoil
 from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
     add_answers,
-    answer_to_charges,
     answer_to_source,
     harmonic_sums,
     weigh_charges,
@@ -185,7 +185,11 @@ class ElectromagnetSpecimen:
             coils.position[owner] - origin, coils.axis[owner], coils.turns[owner] * shares, inner + begin * depth,
             inner + end * depth, coils.length[owner],
         )  # fmt: skip
-        return list(zip(owner.tolist(), place_coils(each), strict=True))
+        placed = [
+            PlacedSource(InteriorCoil(each.coil(number)), one.position, one.turn)
+            for number, one in enumerate(place_coils(each))
+        ]
+        return list(zip(owner.tolist(), placed, strict=True))
 
     def compute_moments(self) -> Array:
         """(3, m) [m²] far-field moment per ampere of each coil with the core."""
@@ -283,9 +287,7 @@ def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_
 
     The tool is at R (3, 3) and p (3,) [m]; torque about p.
     """
-    from_core, count = np.empty(3), out.shape[1]
-    for i in range(3):
-        from_core[i] = p[i] - t.core[i]
+    from_body, count = np.empty(3), out.shape[1]
     placed = np.empty((7, t.charges.shape[1]))
     place_charges(t.charges, p, R, placed)
     out[:] = 0.0
@@ -295,46 +297,51 @@ def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_
     for n in range(placed.shape[1]):
         for i in range(3):
             magnet[i] += placed[6, n] * placed[3 + i, n]
-    dipole_on_charges(t.charges, R, from_core, per_moment)
-    if t.steel_share > 0.0:
-        per_steel = np.empty((6, 3))
-        _field_of_charges(placed, t.steel[0], t.steel[1], t.steel[2], field)
+    for body in range(0 if t.steel_share > 0.0 else 1, 2):  # steel, then core; one call is compiled faster than two
         for i in range(3):
-            moment[i] = t.steel_share * (field[i] + t.earth[i])
-            from_core[i] = p[i] - t.steel[i]
-        dipole_on_charges(t.charges, R, from_core, per_steel)
-        _add_moment(per_steel, moment, passive)
-        for j in range(count):
-            for i in range(6):
+            centre = t.core[i] if body else t.steel[i]
+            from_body[i] = p[i] - centre
+            moment[i] = centre
+        _field_of_charges(placed, moment[0], moment[1], moment[2], field)
+        for i in range(3):
+            if body:
+                moment[i] = t.earth_moment[i]
                 for k in range(3):
-                    out[i, j] += t.steel_share * per_steel[i, k] * t.steel_field[k, j]
-    _field_of_charges(placed, t.core[0], t.core[1], t.core[2], field)
-    for i in range(3):
-        moment[i] = t.earth_moment[i]
-        from_core[i] = p[i] - t.core[i]
-        for k in range(3):
-            moment[i] += t.stretch[i, k] * field[k]
-    _add_moment(per_moment, moment, passive)
+                    moment[i] += t.stretch[i, k] * field[k]
+            else:
+                moment[i] = t.steel_share * (field[i] + t.earth[i])
+        dipole_on_charges(t.charges, R, from_body, per_moment)
+        _add_moment(per_moment, moment, passive)
+        if not body:
+            for j in range(count):
+                for i in range(6):
+                    for k in range(3):
+                        out[i, j] += t.steel_share * per_moment[i, k] * t.steel_field[k, j]
     for i in range(3):  # torque on the magnet in the earth's field
         a, b = (i + 1) % 3, (i + 2) % 3
         passive[3 + i] += magnet[a] * t.earth[b] - magnet[b] * t.earth[a]
     for n in range(placed.shape[1]):
         for i in range(3):
             placed[i, n] -= t.core[i]
-    sums = np.empty(((t.order + 2) * (t.order + 3) // 2, 2))
-    own, pull = np.empty((1, t.shares.shape[0], 2)), np.zeros((6, 1))
+    # The core's response to the magnet is that to one more coil: one call for all.
+    sums, answers = np.empty(((t.order + 2) * (t.order + 3) // 2, 2)), np.empty((count + 1, t.shares.shape[0], 2))
+    wrenches = np.zeros((6, count + 1))
     harmonic_sums(placed, t.radius, t.order, sums)
-    if t.loops.shape[1]:
-        add_answers(sums, t.answers, t.radius, t.order, from_core, out)
-    else:
+    for k in range(t.shares.shape[0]):
+        for i in range(2):
+            for j in range(count):
+                answers[j, k, i] = t.answers[j, k, i]
+            answers[count, k, i] = t.shares[k] * sums[k, i]
+    add_answers(sums, answers, t.radius, t.order, from_body, wrenches)
+    for i in range(6):
+        passive[i] += wrenches[i, count]
+        for j in range(count):
+            out[i, j] += wrenches[i, j]
+    if not t.loops.shape[1]:
         for j in range(count):
             for i in range(6):
                 for k in range(3):
                     out[i, j] += per_moment[i, k] * t.moments[k, j]
-    answer_to_charges(sums, t.shares, own)
-    add_answers(sums, own, t.radius, t.order, from_core, pull)
-    for i in range(6):
-        passive[i] += pull[i, 0]
 
 
 _UNIT = np.array([[0.0], [0.0], [0.0], [1.0]])  #: one unit charge: the force on it is the field
