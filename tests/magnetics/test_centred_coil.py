@@ -1,4 +1,4 @@
-"""Zonal fields of a coil, about a soft sphere's centre and around its own: closed-form field of the coil, and the sphere's charges."""
+"""Zonal fields of a coil, about a soft sphere and about its own centre: the closed form, and the sphere's charges."""
 
 from __future__ import annotations
 
