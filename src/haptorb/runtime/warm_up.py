@@ -15,6 +15,7 @@ from haptorb.compiled import UncompiledKernelError, forbid_compiling
 from haptorb.control.linkage import Gains, make_linkage
 from haptorb.control.registry import has_choice, make_allocator, make_choice
 from haptorb.devices.base import Device, State, WrenchMap
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.types import Estimate, Estimator, Pose, Sample
@@ -130,25 +131,34 @@ class Compilation:
     def compile_controller(self) -> Iterator[None]:
         """Compile the controller with the first world, one part per iteration.
 
-        The estimator and the currents' limits come first, allocation and row last: after its simulated device the
-        servo's process compiles these (`Tick.load_row`), and then needs the rest. So little is compiled twice.
+        The order keeps what is compiled twice small. The servo's process compiles its simulated device, then allocation
+        and row (`Tick.load_row`), then the rest. An electromagnet's allocation is short and its estimator long: here,
+        estimator and the currents' limits come first. Other estimators share code with the simulated device, and come
+        last.
         """
         with suppress(HaptorbError):
             chain, row = self.make_tick(), self._make_row()
             yield
             device, world = self.config.device, self.config.world
-            learning = make_estimator(device, check_estimator(device, self.config.estimator), self.config.model)
-            yield
-            for n in range(_TICKS):
-                learning.update(chain.driver.read(1e-3 * n))
+            early = isinstance(device, SphericalElectromagnet)
+            if early:
+                yield from self._compile_estimator(chain)
+                sample, still = chain.driver.read(0.0), np.zeros(device.channels)
+                chain.protection.protect_currents(still, _IdleEstimator(device).update(sample), sample, still.copy())
                 yield
-            sample = chain.driver.read(0.0)
-            idle = _IdleEstimator(device).update(sample)
-            chain.protection.protect_currents(np.zeros(device.channels), idle, sample, np.zeros(device.channels))
-            yield
             for n, one in enumerate((world, *list_companions(device, world))):
                 dry_run(chain, one, row, 1e-3 * n)
                 yield
+            if not early:
+                yield from self._compile_estimator(chain)
+
+    def _compile_estimator(self, chain: Tick) -> Iterator[None]:
+        device = self.config.device
+        learning = make_estimator(device, check_estimator(device, self.config.estimator), self.config.model)
+        yield
+        for n in range(_TICKS):
+            learning.update(chain.driver.read(1e-3 * n))
+            yield
 
     def compile_catalogue(self, find_wanted: Callable[[], str]) -> Iterator[str]:
         """Compile one world per iteration, and yield its name.
