@@ -15,7 +15,6 @@ from haptorb.compiled import UncompiledKernelError, forbid_compiling
 from haptorb.control.linkage import Gains, make_linkage
 from haptorb.control.registry import has_choice, make_allocator, make_choice
 from haptorb.devices.base import Device, State, WrenchMap
-from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import HaptorbError
 from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.types import Estimate, Estimator, Pose, Sample
@@ -132,15 +131,15 @@ class Compilation:
         """Compile the controller with the first world, one part per iteration.
 
         The order keeps what is compiled twice small. The servo's process compiles its simulated device, then allocation
-        and row (`Tick.load_row`), then the rest. An electromagnet's allocation is short and its estimator long: here,
-        estimator and the currents' limits come first. Other estimators share code with the simulated device, and come
-        last.
+        and row (`Tick.load_row`), then the rest. Here, estimator and the currents' limits come first where the device
+        acts directly: its allocation is short and its estimator long. The estimator of a motor shares code with the
+        simulated device, and comes last.
         """
         with suppress(HaptorbError):
             chain, row = self.make_tick(), self._make_row()
             yield
             device, world = self.config.device, self.config.world
-            early = isinstance(device, SphericalElectromagnet)
+            early = not device.kind.modes
             if early:
                 yield from self._compile_estimator(chain)
                 sample, still = chain.driver.read(0.0), np.zeros(device.channels)
