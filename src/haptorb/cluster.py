@@ -57,14 +57,14 @@ _NUMBERS = ("numpy", "scipy", "numba")
 
 def check_versions(client: Any, address: str) -> None:
     """Raise InputError, with both versions, unless scheduler and workers of the Dask `client` match this computer."""
-    found = _call_aside(lambda: client.get_versions(packages=_NUMBERS))
+    found = _call_in_thread(lambda: client.get_versions(packages=_NUMBERS))
     here = _list_packages(found["client"])
     scheduler = _list_packages(found["scheduler"])
     _refuse(f"the Dask scheduler at '{address}' has", scheduler, here, ("Python", *_DASK[:2]))
     owner = f"the Dask workers at '{address}' have"
     for worker in found["workers"].values():
         _refuse(owner, _list_packages(worker), here, ("Python", *_DASK, *_NUMBERS))
-    for worker in _call_aside(lambda: client.run(_make_version_reporter(), on_error="return")).values():
+    for worker in _call_in_thread(lambda: client.run(_make_version_reporter(), on_error="return")).values():
         versions = {"haptorb": worker} if isinstance(worker, str) else {}  # an exception: a worker without haptorb
         _refuse(owner, versions, {"haptorb": __version__}, ("haptorb",))
 
@@ -144,10 +144,10 @@ def open_cluster(address: str) -> Iterator[Any]:
 
 def count_threads(client: Any) -> int:
     """Return the number of threads of all present workers."""
-    return sum(_call_aside(client.nthreads).values())
+    return sum(_call_in_thread(client.nthreads).values())
 
 
-def _call_aside(function: Callable[[], Any]) -> Any:
+def _call_in_thread(function: Callable[[], Any]) -> Any:
     """Call a function of distributed in another thread; return its result, or raise its exception.
 
     Python handles signals in the main thread only. A Ctrl-C inside such a call can come between the request to the
@@ -161,7 +161,7 @@ def _call_aside(function: Callable[[], Any]) -> Any:
         except BaseException as cause:
             answer.put((None, cause))
 
-    Thread(target=call, name="question to the Dask cluster", daemon=True).start()
+    Thread(target=call, name="call of distributed", daemon=True).start()
     result, cause = answer.get()
     if cause is not None:
         raise cause
@@ -199,7 +199,7 @@ def run_jobs(
             future = _wait_for_one(client, done)
             job = pending.pop(future)
             try:
-                result = _call_aside(future.result)
+                result = _call_in_thread(future.result)
             except Exception as cause:
                 if killed is None or type(cause).__name__ != "KilledWorker":
                     raise
@@ -211,7 +211,7 @@ def run_jobs(
         raise InputError(f"the Dask cluster at '{address}' failed: {_shorten(cause)}; {after}") from cause
     finally:
         if pending and client.status == "running":
-            _call_aside(lambda: client.cancel(list(pending)))
+            _call_in_thread(lambda: client.cancel(list(pending)))
 
 
 def _wait_for_one(client: Any, done: SimpleQueue[Any]) -> Any:

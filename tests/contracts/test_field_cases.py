@@ -119,6 +119,7 @@ def test_a_change_of_any_included_file_reloads_the_scene(name: str, scenes: Path
     assert watched.stamp != before
 
 
+@pytest.mark.realtime
 def test_a_scene_with_an_actuator_runs(scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = str(scenes / "with-actuator.xml")
     code, out, err = run_command(

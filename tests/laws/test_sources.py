@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from haptorb.magnetics import dipole
-from haptorb.magnetics.coil import Coil
+from haptorb.magnetics.coil import Coil, InteriorCoil
 from haptorb.magnetics.dipole import Dipole
 from haptorb.magnetics.interaction import wrench
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
@@ -96,6 +96,26 @@ def test_gradient_is_that_of_the_field(case):
     off = np.abs(case.source.field_gradient(points) - slopes).max(axis=(1, 2)) / np.abs(slopes).max(axis=(1, 2))
     assert np.percentile(off, 90) < 1e-8
     assert off.max() < 1e-4
+
+
+@pytest.mark.parametrize("kind", [Coil, InteriorCoil])
+def test_in_the_bore_of_a_coil_divergence_and_curl_are_zero(kind):
+    """No current flows there; along the whole axis the field adds up to µ0 times the turns."""
+    coil = Coil(100, 20e-3, 25e-3, 30e-3)
+    source = coil if kind is Coil else kind(coil)
+    rng = np.random.default_rng(9)
+    points = rng.normal(size=(40, 3))
+    points *= (rng.uniform(1e-3, 14e-3, 40) / np.linalg.norm(points, axis=1))[:, None]
+    slopes, size = gradient(source, points), np.linalg.norm(source.field(np.zeros(3))) / coil.inner_radius
+    assert np.abs(np.trace(slopes, axis1=1, axis2=2)).max() < 1e-8 * size
+    assert np.abs(slopes - np.swapaxes(slopes, 1, 2)).max() < 1e-8 * size
+    # ∮B·ds = µ0 N along the axis, the series inside and the closed form outside (Jackson, § 5.3)
+    z, weights = np.polynomial.legendre.leggauss(200)
+    near, far = 15e-3 * z, 15e-3 / (0.5 * (1 + z))  # outside by 1/z
+    axis = np.array([0.0, 0.0, 1.0])
+    inside = 15e-3 * weights @ source.field(near[:, None] * axis)[:, 2]
+    outside = 2 * 0.5 * weights @ (source.field(far[:, None] * axis)[:, 2] * far**2 / 15e-3)
+    assert inside + outside == pytest.approx(dipole.MU0 * 100, rel=1e-8)
 
 
 @every

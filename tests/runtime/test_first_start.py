@@ -64,6 +64,7 @@ def test_it_is_a_program_that_ends(what: str, tmp_path: Path) -> None:
     assert {code_note(tmp_path, name).exists() for name in worlds.CATALOGUE} == {what == CATALOGUE}
 
 
+@pytest.mark.realtime
 def test_a_start_that_takes_long_is_helped_and_the_helper_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[subprocess.Popen[bytes]] = []
 

@@ -129,8 +129,8 @@ class ErrorReport(NotebookReport):
             console,
             "alone: 95 % of the errors if all else is exact. share: first-order Sobol index, of the variance. total: "
             f"total Sobol index, with interactions. ±: {100 * COVERAGE:.0f} % interval with these samples, in which "
-            "a share may lie below zero or above the total. An error that all devices have in common is in alone, and "
-            "in no share",
+            "a share may lie below zero or above the total. An error that all devices have in common is in the column "
+            "alone and has no share",
             "dim",
         )
         if budget.left_out:

@@ -70,9 +70,7 @@ class MotorTruth(NamedTuple):
     sensor_distance: float  #: nominal distance of the sensors [m]
     groups: Array  #: (c, m)
     coil_field: Array  #: (m, 3 k) field of the coils at the sensors [T/A]
-    tilt_torque: (
-        Array  #: (n,) coefficients of weight and regulator, as `weight_regulator.torque_over_sine` takes them [N·m]
-    )
+    tilt_torque: Array  #: (n,) coefficients of weight and regulator [N·m], for `weight_regulator.torque_over_sine`
 
 
 def pack_truth(m: MotorTruth) -> Array:

@@ -40,6 +40,7 @@ def test_four_examples_for_four_users_run_and_say_a_number(
     assert (tmp_path / "run.csv").stat().st_size > 10_000
 
 
+@pytest.mark.realtime
 def test_the_command_that_is_named_runs(readme: str) -> None:
     words = ["run", "pmsm", "--world", "outlet"]
     assert "haptorb " + " ".join(words) in readme

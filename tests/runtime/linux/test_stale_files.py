@@ -111,6 +111,7 @@ with haptorb.Servo("omni", "nothing") as servo:
 """
 
 
+@pytest.mark.realtime  # a servo ends if its host gets no processor for half a second
 def test_the_next_start_removes_what_all_processes_of_a_killed_one_left(folder: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", _CRASHES, str(folder)], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None

@@ -36,6 +36,7 @@ def find_in_arguments(word):
     return found
 
 
+@pytest.mark.realtime
 def test_no_token_stands_in_the_process_list(monkeypatch):
     """With processes that are started, not forked: a forked one has the command line of its parent."""
     monkeypatch.setenv("HAPTORB_TRACKER_TOKEN", TOKEN)
