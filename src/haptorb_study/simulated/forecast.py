@@ -61,9 +61,8 @@ class Forecast:
     def sentence(self) -> str:
         """Summary for users."""
         c = self.peak - 273.15
-        begin = (
-            f"{self.trials} trials, about {self.seconds / 60:.0f} min; hottest winding '{self.hottest_coil}' {c:.0f} °C"
-        )
+        lasts = "less than a minute" if self.seconds < 60 else f"about {self.seconds / 60:.0f} min"
+        begin = f"{self.trials} trials, {lasts}; hottest winding '{self.hottest_coil}' {c:.0f} °C"
         if self.holds:
             word = "stays below" if self.peak < self.warn else "warns, but stays below"
             return f"{begin}: {word} derating at {self.derate - 273.15:.0f} °C"
@@ -89,9 +88,11 @@ class Overlap:
     def sentence(self) -> str:
         """Summary for users."""
         a, b = self.set_points
+        which = f"set-points {a} and {b}" if self.pairs == 1 else f"{self.pairs} pairs of set-points"
+        most = "" if self.pairs == 1 else f", {a} and {b} most,"
         return (
-            f"{self.pairs} pairs of set-points have overlapping maps, set-points {a} and {b} by "
-            f"{self.worst:.1f} deg: render them one after the other, not several at once"
+            f"the maps of {which} overlap{most} by {self.worst:.1f}°: render them one after the other, not several at "
+            "once"
         )
 
 
