@@ -39,6 +39,8 @@ _WOUND = "tests/devices/electromagnet/test_wound_map.py::test_the_wrench_of_wind
 _SENSORS = "tests/devices/electromagnet/test_wound_map.py::test_the_field_at_the_sensors_and_within_the_dome"
 _ANSWER = "tests/magnetics/test_sphere_answer.py::test_the_answer_to_a_coil_is_that_to_its_charges"
 _PULL = "tests/magnetics/test_sphere_answer.py::test_the_pull_on_charges_is_that_of_all_pairs"
+_SERIES = "tests/magnetics/test_core_attraction.py::test_the_table_is_the_series"
+_E18 = "tests/magnetics/test_core_attraction.py::test_the_pull_of_erratum_18"
 _OVAL = f"{_SPECIMEN_TESTS}test_an_ellipsoid_pulls_the_magnet_otherwise_than_a_ball"
 _STEEL = f"{_SPECIMEN_TESTS}test_a_steel_ball_far_away_pulls_as_a_ball_does"
 _EARTH = f"{_SPECIMEN_TESTS}test_the_earths_field_turns_the_tool_and_offsets_the_sensors"
@@ -103,6 +105,8 @@ MUTATIONS = (
     Mutation("magnetics/dipole.py", "_dipole_map", "c", -1, (_Z1,)),
     Mutation("magnetics/dipole.py", "_dipole_map", "s", 0, (_P,)),
     Mutation("magnetics/dipole.py", "_dipole_map", "out[3, j]", 0, (_P,)),
+    Mutation("magnetics/core_attraction.py", "pull", "turn", 1.1, (_SERIES,)),
+    Mutation("magnetics/core_attraction.py", "PassivePull.__post_init__", "scale", 1.1, (_SERIES, _E18)),
     # the electromagnet of coils and core at their true size: the controller's, then the simulation's
     Mutation(_TOOL, "fill_wound", "v2", 1.1, (_WOUND,)),
     Mutation(_TOOL, "fill_wound", "g2", 1.1, (_WOUND,)),

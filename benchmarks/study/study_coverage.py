@@ -50,8 +50,8 @@ from simulated_answers import (
 
 from haptorb_study.analysis.analysis import analyse
 from haptorb_study.statistics.intervals import mean_interval, share_interval
-from haptorb_study.statistics.person_fit import fit_person
 from haptorb_study.statistics.population import fit_group
+from haptorb_study.statistics.psychometric_fit import fit_person
 from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 
 _ROWS = ["group", "corners", "misfit", "door", "adaptive"]

@@ -44,7 +44,7 @@ from haptorb.cli.world_option import parse_settings
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, HaptorbError, RecordingError, RecordingWarning
 from haptorb.estimation.calibration_file import Calibration, read_calibration, read_frame
-from haptorb.estimation.load_calibration import list_columns, read_loads
+from haptorb.estimation.load_cell_calibration import list_columns, read_loads
 from haptorb.estimation.network import Perceptron, Scaling, TrainedNetworks, read_networks, write_networks
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.recording.mcap import Recorder

@@ -192,8 +192,8 @@ def identification():
 
 def curves():
     from haptorb_study.analysis.curves import ConditionCurves
-    from haptorb_study.statistics.person_fit import PersonFit
     from haptorb_study.statistics.population import NormalEffect, Population
+    from haptorb_study.statistics.psychometric_fit import PersonFit
     from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricCurve
 
     fit = PersonFit(180, PsychometricCurve(2.345, 0.4567, 0.02, 0.02), (2.2, 2.5), (0.4, 0.51), (0.001, 0.06),

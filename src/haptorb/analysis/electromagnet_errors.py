@@ -36,7 +36,7 @@ from haptorb.devices.electromagnet import (
     point_field,
     shell_capability,
 )
-from haptorb.devices.electromagnet_wrench_map import WoundCoils, fill_wound, pull, ring_per_ampere
+from haptorb.devices.electromagnet_wrench_map import WoundCoils, fill_wound, ring_per_ampere
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.display import format_quantity
 from haptorb.errors import UnknownName
@@ -45,6 +45,7 @@ from haptorb.estimation.coil_calibration import find_response
 from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.estimation.hall_tracker import CALIBRATED
 from haptorb.magnetics.coil import CentredCoil
+from haptorb.magnetics.core_attraction import pull
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by

@@ -60,7 +60,7 @@ def calibrate(
     from haptorb.devices.electromagnet import electromagnet
     from haptorb.devices.loader import load
     from haptorb.estimation.calibration_file import check_writable
-    from haptorb.estimation.load_calibration import read_loads
+    from haptorb.estimation.load_cell_calibration import read_loads
     from haptorb.runtime.linux import prepare_thread
 
     found = electromagnet(load(device), "`haptorb calibrate`")

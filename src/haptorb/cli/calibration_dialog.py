@@ -24,7 +24,7 @@ from haptorb.cli.calibration_steps import (
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration, MeasuredHeat, write_calibration
-from haptorb.estimation.load_calibration import LoadRecord, calibrate_by_loads
+from haptorb.estimation.load_cell_calibration import LoadRecord, calibrate_by_loads
 from haptorb.runtime.drivers.base import Driver
 
 __all__ = ["Dialog", "check_steps", "guide_calibration"]

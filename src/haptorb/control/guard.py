@@ -14,6 +14,7 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, fields, state_zeros
 from haptorb.compiled import kernel
 from haptorb.control.force_transitions import RAMP_UP_S, limit_client_rate, note_uncommanded
+from haptorb.control.heat import derating_share
 from haptorb.control.missed_deadlines import CLOCK, advance_clock, make_clock
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device
@@ -146,25 +147,21 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushe
     if g.restarted:
         _clear_currents(g, coils)
         g.restarted = False
-    hottest = heat.hottest
-    if not hottest < heat.stop:  # safety: hot-coils-trip
+    if not heat.hottest < heat.stop:  # safety: hot-coils-trip
         trip(g, _OVERHEATED)
     if g.state == _OFF or (g.state == _TRIPPED and g.gain == 0.0):
         _clear_currents(g, coils)
         return
-    share = 1.0
-    if hottest > heat.derate:
-        share = (heat.stop - hottest) / (heat.stop - heat.derate)
-        if g.state == _RUNNING:
-            g.state = _DERATED
-    elif g.state == _DERATED and hottest < heat.derate - _DERATING_HYSTERESIS_K:
+    if heat.hottest > heat.derate and g.state == _RUNNING:
+        g.state = _DERATED
+    elif g.state == _DERATED and heat.hottest < heat.derate - _DERATING_HYSTERESIS_K:
         g.state = _RUNNING
     for j in range(wanted.size):
         if not np.isfinite(wanted[j]):  # safety: nan-currents-trip
             trip(g, _CURRENTS)
             _clear_currents(g, coils)
             return
-    scale = _hold(g, coils, wanted, share)  # safety: warm-coils-are-derated
+    scale = _hold(g, coils, wanted, derating_share(heat))  # safety: warm-coils-are-derated
     if g.client_flows and g.state != _TRIPPED:  # safety: fades-are-free
         limit_client_rate(g, coils, wanted, scale, pushes, turns)  # safety: clients-flow-at-their-rate
 

@@ -1,4 +1,4 @@
-"""Upper bound of the winding temperatures, and remaining time under the present load: a thermal network.
+"""Heat of the windings: upper bound of their temperatures, derating, and remaining time under the present load.
 
 The copper has no thermometer; its temperature is integrated from i²R, and each coil's body is corrected towards its
 boundary thermometer, so that a wrong initial or ambient temperature decays within seconds. Coupled coils heat each
@@ -19,7 +19,18 @@ from haptorb.compiled import kernel
 from haptorb.control.missed_deadlines import SILENCE
 from haptorb.thermal import warm_ratio
 
-__all__ = ["observe_heat", "remaining_time"]
+__all__ = ["derating_share", "observe_heat", "remaining_time"]
+
+
+@kernel
+def derating_share(h: Record) -> float:
+    """Share of the current that may flow at the temperature of the hottest winding.
+
+    1 up to h.derate, from there falling linearly to 0 at h.stop, where the guard trips. h is a HEAT.
+    """
+    if h.hottest > h.derate:
+        return (h.stop - h.hottest) / (h.stop - h.derate)
+    return 1.0
 
 
 # --------------------------------------------------------------------------------------------------

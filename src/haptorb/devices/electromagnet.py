@@ -27,7 +27,6 @@ from haptorb.devices.base import (
 from haptorb.devices.build_checks import CERTAIN, BuildCheck, check_wire, compare_fill
 from haptorb.devices.core_parameters import CoreDynamics
 from haptorb.devices.electromagnet_wrench_map import (
-    PassivePull,
     Windings,
     WoundCoils,
     pack_wound_ring,
@@ -43,6 +42,7 @@ from haptorb.devices.touch_points import Marks
 from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
+from haptorb.magnetics.core_attraction import PassivePull
 from haptorb.magnetics.dipole import MU0, dipole_per_ampere
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere

@@ -71,7 +71,7 @@ _NUMBER = re.compile(
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    """pint's, for units that `units` does not know, with its definitions as it kept them the last time.
+    """pint's, for units that `unit_conversion` does not know, with its definitions as it kept them the last time.
 
     It writes them without care for a process that is killed meanwhile; what cannot be read is thrown away. They are
     pickled objects of pint and its parser: with another version of either they are created again.

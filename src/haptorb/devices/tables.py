@@ -4,7 +4,7 @@ Where magnets and coils are bodies of revolution and every axis, the sensors' to
 symmetry leaves three functions of one cosine: the torque of a magnet with axis u and a coil with axis c, per ampere,
 is k(u·c) u × c on the magnet, and the magnet's field at a sensor in direction s is f(u·s) u + g(u·s) s. Each is
 expanded in cosines of the angle (the exact model is asked a few hundred times, the series' tail is the error), then
-laid out as quintic pieces over the chord |u − c| from 0 to 2, twice continuously differentiable, for `table_kernels`.
+laid out as quintic pieces over the chord |u − c| from 0 to 2, twice continuously differentiable, for kernels to read.
 """
 
 from __future__ import annotations

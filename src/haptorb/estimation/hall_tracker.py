@@ -868,7 +868,3 @@ def _choose_starts(places: Array, order: list[int], count: int) -> list[int]:
             if len(chosen) == count:
                 break
     return chosen
-
-
-# --------------------------------------------------------------------------------------------------
-# Trackers of a spherical electromagnet's tool, by name.

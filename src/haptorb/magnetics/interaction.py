@@ -1,9 +1,9 @@
-"""Force, torque and flux linkage between bodies at any pose, to a given precision.
+"""Force and torque between bodies at any pose, to a given precision.
 
 The source's field is taken where the target's currents flow: F = ∮ I dl × B over the target's filaments (Gauss points
 across and along, equal steps around, so that every direction converges exponentially). Field evaluations are cheap in
-closed form, so this direction costs about a hundredth of meshing the magnets. A second formulation, force on magnetic
-charges σB over a magnet's faces, and the flux linkage are here as well, as checks on the first and on each other.
+closed form, so this direction costs about a hundredth of meshing the magnets. The tests
+compare it with a second formulation, force on magnetic charges σB over a magnet's faces, and with the flux linkage.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ import numpy as np
 
 from haptorb_study.columns import Columns
 from haptorb_study.json_values import json_number
-from haptorb_study.statistics.person_fit import REVERSED, PersonFit, fit_person
 from haptorb_study.statistics.population import NormalEffect, Population, fit_group
+from haptorb_study.statistics.psychometric_fit import REVERSED, PersonFit, fit_person
 from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricCurve, count_by_level
 from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 

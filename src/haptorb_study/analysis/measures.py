@@ -14,8 +14,8 @@ from haptorb.arrays import Array
 from haptorb_study.analysis.answer_directions import answer_directions, find_unbounded
 from haptorb_study.columns import Columns
 from haptorb_study.procedures import Procedure
-from haptorb_study.statistics.person_fit import psychometric_fit
 from haptorb_study.statistics.power_law import fit_power_law
+from haptorb_study.statistics.psychometric_fit import psychometric_fit
 from haptorb_study.statistics.psychometric_function import PsychometricCurve
 from haptorb_study.statistics.sphere import error_vectors, local_axes
 from haptorb_study.study_file import Study

@@ -16,8 +16,8 @@ from haptorb_study.columns import Columns
 from haptorb_study.prompts import Answer
 from haptorb_study.staircase import Staircase
 from haptorb_study.statistics.intervals import mean_interval
-from haptorb_study.statistics.person_fit import central_interval, find_median
 from haptorb_study.statistics.population import NormalEffect, fit_normal_effect
+from haptorb_study.statistics.psychometric_fit import central_interval, find_median
 from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricGrid, count_by_level
 from haptorb_study.study_file import Study
 from haptorb_study.study_tables import Levels

@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from scipy.stats import beta, binom
 
 from haptorb.errors import InputError
-from haptorb_study.statistics.person_fit import PersonFit, fit_person, psychometric_fit
+from haptorb_study.statistics.psychometric_fit import PersonFit, fit_person, psychometric_fit
 from haptorb_study.statistics.psychometric_function import LevelCounts, PsychometricGrid, count_by_level
 from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 

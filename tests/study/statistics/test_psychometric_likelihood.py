@@ -13,8 +13,8 @@ import pytest
 from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import norm
 
-from haptorb_study.statistics.person_fit import FLAT, NO_LIMIT, REVERSED, UPPER_LIMIT, fit_person
 from haptorb_study.statistics.population import fit_group
+from haptorb_study.statistics.psychometric_fit import FLAT, NO_LIMIT, REVERSED, UPPER_LIMIT, fit_person
 from haptorb_study.statistics.psychometric_function import LAPSE_EDGES, LevelCounts
 from haptorb_study.statistics.psychometric_likelihood import SlopeLikelihood
 

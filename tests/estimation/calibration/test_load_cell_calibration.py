@@ -18,7 +18,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
-from haptorb.estimation.load_calibration import LoadRecord, calibrate_by_loads, list_columns, read_loads
+from haptorb.estimation.load_cell_calibration import LoadRecord, calibrate_by_loads, list_columns, read_loads
 from haptorb.rotations import quaternion
 from haptorb.simulation.electromagnet_specimen import (
     ElectromagnetSpecimen,

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet_wrench_map import PassivePull
 from haptorb.devices.loader import load
 from haptorb.errors import GeometryError, InputError, PrecisionError
+from haptorb.magnetics.core_attraction import PassivePull
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 
