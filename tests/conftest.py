@@ -19,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from failures import FAILED
-from oracles.fork_server import ForkServer
+from oracles.fork_server import ForkServer, get_fork_server
 from oracles.program_runner import ProgramRunner
 from oracles.repetitions import repetitions
 
@@ -308,10 +308,10 @@ def programs() -> Iterator[ProgramRunner]:
 
 @pytest.fixture(scope="session")
 def fork_server() -> Iterator[ForkServer]:
-    """What starts servo processes quickly, as long as `quick_starts` lets it."""
-    server = ForkServer()
-    yield server
-    server.close()
+    """What starts programs quickly, and servo processes as long as `quick_starts` lets it."""
+    yield get_fork_server()
+    get_fork_server().close()
+    get_fork_server.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -27,6 +27,7 @@ from haptorb.web.console import Console
 from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.worlds import Dome, World
 from haptorb.worlds.base import values
+from oracles.fork_server import get_fork_server
 
 DESK = {"width": 1280, "height": 800}
 #: a page draws in every second frame only: drawn without a graphics processor, it takes most of a test's processor time
@@ -146,11 +147,9 @@ class Host:
 
     def __init__(self) -> None:
         self.layout = RowLayout.of(load("omni"))
-        self._process = subprocess.Popen(
-            [sys.executable, Path(__file__).with_name("live_host.py")],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+        pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
+        self._process = get_fork_server().start_program(
+            str(Path(__file__).with_name("live_host.py")), text=True, **pipes
         )
         self.url = self._read()
 
@@ -192,7 +191,9 @@ class Host:
 
 
 @pytest.fixture
-def open_servo(browser: Any) -> Callable[[str, World | str], AbstractContextManager[tuple[Screen, Servo]]]:
+def open_servo(
+    browser: Any, quick_starts: None
+) -> Callable[[str, World | str], AbstractContextManager[tuple[Screen, Servo]]]:
     """A running servo of a device with a world, and its page. Its poses last a second: a busy test machine stutters."""
 
     @contextmanager

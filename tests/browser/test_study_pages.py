@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sqlite3
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from importlib.resources import files
@@ -16,6 +14,7 @@ from typing import Any
 import pytest
 
 from browser.screen_check import find_faults
+from oracles.fork_server import get_fork_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
@@ -40,7 +39,6 @@ choices = ["left", "right"]
 """
 #: what a screen reader may stop at: it must have something to say there
 CONTROLS = {"button", "textbox", "spinbutton", "application", "img", "image", "progressbar", "region", "group", "table"}
-COMMAND = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main())", "study", "run"]
 
 
 def nameless_roles(page: Any) -> list[str]:
@@ -59,10 +57,9 @@ class Run:
     """The command, and a participant's and an experimenter's page."""
 
     def __init__(self, browser: Any, folder: Path) -> None:
-        self._process = subprocess.Popen(
-            [*COMMAND, "s.toml", "--db", "s.db", "--port", "0"], cwd=folder, stderr=subprocess.PIPE, text=True,
-            env=os.environ,
-        )  # fmt: skip
+        self._process = get_fork_server().start_haptorb(
+            *("study", "run", "s.toml", "--db", "s.db", "--port", "0"), cwd=folder, stderr=subprocess.PIPE, text=True
+        )
         assert self._process.stderr is not None
         said: dict[str, str] = {}
         while "experimenter:" not in said:

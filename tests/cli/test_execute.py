@@ -22,8 +22,7 @@ from haptorb.serve.native_libraries import find_libraries
 from haptorb.serve.program_check import check_program
 from haptorb.testing import haptic_device, scripted_hand
 from oracles.command import run_command
-
-PROGRAM = "from haptorb.cli import main; import sys; sys.exit(main())"
+from oracles.fork_server import HAPTORB, get_fork_server
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -38,8 +37,7 @@ def libraries() -> Path:
 
 
 def execute(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", PROGRAM, "exec", "--headless", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return get_fork_server().run_program("-c", HAPTORB, "exec", "--headless", *words, timeout=120)
 
 
 @pytest.mark.realtime

@@ -16,6 +16,7 @@ from haptorb.cli.world_option import choose_world_option
 from haptorb.devices.loader import load
 from haptorb.runtime.world_loading import WorldWatcher
 from haptorb.worlds.user_world import WorldFile
+from oracles.fork_server import get_fork_server
 
 pytestmark = pytest.mark.realtime
 
@@ -41,7 +42,6 @@ class Slow(World):
         {call}
         return np.zeros(6)
 """
-MAIN = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
 PATIENCE = 60.0
 
 
@@ -86,8 +86,8 @@ def test_it_is_told_and_goes_on_when_the_world_returns(file: Path, capfd: Any, m
 
 @pytest.mark.parametrize("file", ["call"], indirect=True)
 def test_ctrl_c_ends_a_run_that_waits(file: Path) -> None:
-    command = [sys.executable, "-c", MAIN, "run", "--headless", "--world", f"{file}:Slow"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    words = ["run", "--headless", "--world", f"{file}:Slow"]
+    with get_fork_server().start_haptorb(*words, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         try:
             told = ""

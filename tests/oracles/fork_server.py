@@ -1,10 +1,11 @@
-"""Servo processes that a test starts in a tenth of a second instead of one: copies of a process that has loaded what
-all of them load.
+"""Servo processes, and programs with a servo, that a test starts in a tenth of a second instead of one or three: copies
+of a process that has loaded what all of them load.
 
 `ForkServer` starts this file as a process of its own, which loads the packages once and copies itself for every
 `python -m haptorb...`. A copy is a child of the test's process, as one that was started, and runs the module from its
-first line. What a start itself does is tested where nothing is copied: tests/runtime, and every program that
-tests run.
+first line. `start_program` copies it for a program, whose own processes are copies as well: the program has a process
+like this one. What a start itself does is tested where nothing is copied: tests/runtime, the newcomers' tests and
+what documentation and examples run.
 """
 
 from __future__ import annotations
@@ -19,21 +20,42 @@ import runpy
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Sequence
+from functools import cache
 from importlib import import_module
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any, final
 
 PACKAGE = "haptorb"
 PROCESSES = tuple(f"{PACKAGE}.runtime.{name}_process" for name in ("servo", "recorder", "trackers.tracker"))
+#: what programs load: commands, servers, pages
+PROGRAMS = ("cli.program", "cli.run", "serve.server_process", "web.console", "web.force_map_process")
 DEVICES = ("omni", "pmsm")
+HAPTORB = "import sys; from haptorb.cli import main; sys.exit(main())"
 _PR_SET_CHILD_SUBREAPER = 36
 _FREE = 1000  #: above all numbers of descriptors that a process is to have
 
 
 def _adopt_orphans(on: bool) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, int(on), 0, 0, 0)
+
+
+def find_module(command: Sequence[str]) -> list[str]:
+    """Module and arguments of a command of haptorb.cluster.python_command; empty if it is another one."""
+    from haptorb.cluster import _ISOLATED
+
+    words = list(command)
+    if words[:3] == [sys.executable, "-P", "-m"]:
+        words = words[3:]
+    elif words[:4] == [sys.executable, "-I", "-c", _ISOLATED]:
+        words = words[6:]
+    else:
+        return []
+    return words if words[0].startswith(PACKAGE) else []
 
 
 @final
@@ -45,17 +67,53 @@ class ForkServer:
         self._server: subprocess.Popen[bytes] | None = None
         self._connection, self._other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
 
-    def start(self, command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
+    @classmethod
+    def of_this_process(cls) -> ForkServer:
+        """A server that copies what this process is now."""
+        server = cls()
+        if os.fork() == 0:
+            server._connection.close()
+            os.setsid()
+            if (wanted := wait_for_requests(server._other)) is None:
+                os._exit(0)
+            become(wanted)
+            raise SystemExit
+        server._other.close()
+        return server
+
+    def start(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """As `subprocess.Popen(command, **options)`; a copy if the command is a module of the package."""
-        if list(command[:3]) == [sys.executable, "-P", "-m"] and command[3].startswith(PACKAGE):
-            return _ForkedProcess(self, command, **options)
+        if words := find_module(command):
+            return _ForkedProcess(self, {"module": words}, command, **options)
         return subprocess.Popen(command, **options)
+
+    def start_program(self, *words: str, **options: Any) -> subprocess.Popen[Any]:
+        """As `subprocess.Popen([sys.executable, *words], **options)`, a copy; `words`: `-c CODE ...`, `-m MODULE ...`
+        or `FILE ...`. Its import path is that of this process, its session one of its own."""
+        options.setdefault("start_new_session", True)
+        return _ForkedProcess(self, {"program": words}, [sys.executable, *words], **options)
+
+    def start_haptorb(self, *words: str, **options: Any) -> subprocess.Popen[Any]:
+        """The command `haptorb` with these words."""
+        return self.start_program("-c", HAPTORB, *words, **options)
+
+    def run_program(self, *words: str, timeout: float = 60.0, **options: Any) -> subprocess.CompletedProcess[str]:
+        """As `subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=timeout, **options)`, a
+        copy."""
+        pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+        with self.start_program(*words, text=True, **pipes, **options) as process:
+            try:
+                out, errors = process.communicate(timeout=timeout)
+            except BaseException:
+                process.kill()
+                raise
+        return subprocess.CompletedProcess(process.args, process.returncode, out, errors)
 
     def fork(self, wanted: dict[str, Any], descriptors: list[int]) -> int:
         """The id of a copy that becomes what is `wanted`. It is this process's child once its parent has ended, as long
         as this process adopts orphans."""
         with self._turn:
-            if self._server is None:
+            if self._server is None and self._other.fileno() >= 0:
                 self._server = subprocess.Popen(
                     [sys.executable, __file__, str(self._other.fileno())], pass_fds=[self._other.fileno()],
                     start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
@@ -77,27 +135,33 @@ class ForkServer:
             self._server.wait()
 
 
-class _ForkedProcess(subprocess.Popen[bytes]):
+@cache
+def get_fork_server() -> ForkServer:
+    """That of this process."""
+    return ForkServer()
+
+
+class _ForkedProcess(subprocess.Popen[Any]):
     """A process that was not executed but copied."""
 
-    def __init__(self, server: ForkServer, command: Sequence[str], **options: Any) -> None:
-        self._fork_server = server
+    def __init__(self, server: ForkServer, what: dict[str, Any], command: Sequence[str], **options: Any) -> None:
+        self._fork_server, self._what = server, what
         super().__init__(command, **options)
 
     def _execute_child(self, *values: Any) -> None:
         """What `Popen` does after it has made the pipes."""
         bound = inspect.signature(subprocess.Popen._execute_child).bind(self, *values)  # type: ignore[attr-defined]
         given = bound.arguments
-        pipes = {"p2cread": 0, "c2pwrite": 1, "errwrite": 2}
-        numbers = {given[end]: number for end, number in pipes.items() if given[end] >= 0}
+        ends = [(given[end], number) for number, end in enumerate(("p2cread", "c2pwrite", "errwrite"))]
+        ends = [*((end, number) for end, number in ends if end >= 0), *((one, one) for one in given["pass_fds"])]
         wanted = {
-            "words": list(given["args"])[3:], "environment": dict(given["env"] or os.environ), "folder": os.getcwd(),
-            "numbers": [*numbers.values(), *given["pass_fds"]], "session": given["start_new_session"],
+            **self._what, "environment": dict(given["env"] or os.environ), "folder": str(given["cwd"] or os.getcwd()),
+            "numbers": [number for _, number in ends], "session": given["start_new_session"],
         }  # fmt: skip
-        self.pid = self._fork_server.fork(wanted, [*numbers, *given["pass_fds"]])
+        self.pid = self._fork_server.fork(wanted, [end for end, _ in ends])
         self._child_created = True
-        ends = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
-        self._close_pipe_fds(*(given[end] for end in ends))  # type: ignore[attr-defined]
+        pipes = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
+        self._close_pipe_fds(*(given[end] for end in pipes))  # type: ignore[attr-defined]
 
 
 def wait_for_requests(connection: socket.socket) -> dict[str, Any] | None:
@@ -132,17 +196,44 @@ def _move_away(descriptors: list[int]) -> list[int]:
 
 
 def become(wanted: dict[str, Any]) -> None:
-    """This process is `python -m` with the wanted words from here on."""
+    """This process is `python -m` with the wanted words, or the wanted program, from here on."""
     if wanted["session"]:
         os.setsid()
     os.chdir(wanted["folder"])
     os.environ.clear()
     os.environ.update(wanted["environment"])
-    module, *arguments = wanted["words"]
+    tempfile.tempdir = None
+    if "program" in wanted:
+        become_program(wanted["program"])
+        return
+    module, *arguments = wanted["module"]
     sys.argv = [module, *arguments]
     sys.path[0] = wanted["folder"]
     sys.modules.pop(module, None)
     runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+def become_program(words: list[str]) -> None:
+    """This process is `python` with these words, and starts copies of itself in place of servo processes."""
+    from haptorb.runtime import linux
+
+    # What it says goes through its own pipes, with their buffers.
+    sys.stdin = open(0, closefd=False)  # noqa: SIM115
+    sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    linux.subprocess = SimpleNamespace(Popen=ForkServer.of_this_process().start)  # type: ignore[assignment]
+    if words[0] == "-m":
+        sys.argv, sys.path[0] = words[1:], os.getcwd()
+        sys.modules.pop(words[1], None)
+        runpy.run_module(words[1], run_name="__main__", alter_sys=True)
+        return
+    sys.modules["__main__"] = main = ModuleType("__main__")
+    if words[0] == "-c":
+        sys.argv, sys.path[0] = ["-c", *words[2:]], ""
+        exec(compile(words[1], "<string>", "exec"), main.__dict__)
+    else:
+        sys.argv, sys.path[0], main.__file__ = words, str(Path(words[0]).parent), words[0]
+        exec(compile(Path(words[0]).read_text(encoding="utf-8"), words[0], "exec"), main.__dict__)
 
 
 def load_devices() -> None:
@@ -165,7 +256,7 @@ def load_devices() -> None:
 
 
 if __name__ == "__main__":
-    for name in PROCESSES:
+    for name in (*PROCESSES, *(f"{PACKAGE}.{name}" for name in PROGRAMS)):
         import_module(name)
     load_devices()
     gc.collect()

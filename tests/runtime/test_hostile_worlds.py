@@ -18,6 +18,7 @@ import pytest
 from haptorb.errors import ServoError
 from haptorb.runtime.prestart import start_module
 from haptorb.runtime.servo import Servo
+from oracles.fork_server import get_fork_server
 
 pytestmark = pytest.mark.realtime(retry=False)
 
@@ -67,6 +68,7 @@ def test_a_world_that_hangs_is_told_and_ended_by_force(fake_servo: Any, hang: Ca
         assert is_gone(servo.servo_pid)
 
 
+@pytest.mark.usefixtures("quick_starts")
 def test_a_world_that_does_not_return_from_its_first_call_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def endless(state: Any) -> None:
         swallow()
@@ -147,7 +149,7 @@ def host(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], int, Path]]:
     """A program whose world hangs, deaf to everything, as soon as a file exists: (program, its servo, file)."""
     script, flag = tmp_path / "host.py", tmp_path / "hang"
     script.write_text(f"FLAG = {str(flag)!r}\n{_HOST}")
-    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as process:
+    with get_fork_server().start_program(str(script), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         servo = int(process.stdout.readline())
         try:
@@ -181,7 +183,7 @@ ctypes.PyDLL(None).sleep(60)
 
 
 def test_the_timer_ends_a_process_that_hears_nothing() -> None:
-    assert subprocess.run([sys.executable, "-c", _ENDS], timeout=30, check=False).returncode == -signal.SIGKILL
+    assert get_fork_server().run_program("-c", _ENDS).returncode == -signal.SIGKILL
 
 
 _ASKS = """
@@ -240,7 +242,7 @@ with haptorb.Servo("omni", Mine(), record=False) as servo:
 def test_what_a_world_has_started_does_not_outlive_the_host(tmp_path: Path) -> None:
     script, told = tmp_path / "host.py", tmp_path / "told"
     script.write_text(f"TOLD = {str(told)!r}\n{_STARTS}")
-    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as process:
+    with get_fork_server().start_program(str(script), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline()
         process.kill()

@@ -6,7 +6,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -21,6 +20,7 @@ from haptorb.errors import InputError, RecordingError, ServoError
 from haptorb.runtime import linux
 from haptorb.runtime.process_group import ProcessGroup
 from haptorb.worlds import Nothing
+from oracles.fork_server import get_fork_server
 from oracles.repetitions import repetitions
 
 pytestmark = pytest.mark.realtime
@@ -197,14 +197,8 @@ with servo:
 def _script(tmp_path: Path, record: str) -> tuple[subprocess.Popen[str], int, int, Path, Path, Path]:
     file = tmp_path / "script.py"
     file.write_text(_SCRIPT)
-    # A shell starts what it puts into the background with SIGINT ignored; a person at a keyboard does not.
-    process = subprocess.Popen(
-        [sys.executable, str(file), record],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    process = get_fork_server().start_program(str(file), record, text=True, **pipes)
     assert process.stdout is not None
     line = process.stdout.readline().split()
     assert line, process.communicate()[1]

@@ -6,10 +6,11 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import threading
 from types import TracebackType
 from typing import Any, Self
+
+from oracles.fork_server import get_fork_server
 
 
 class ServedRun:
@@ -17,10 +18,8 @@ class ServedRun:
 
     def __init__(self, *servers: str, world: str | None = None) -> None:
         options = [word for one in servers for word in ("--serve", one)]
-        command = "from haptorb.cli import main; main()"
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", command, "run", "omni", "--headless", "--json", *options]
-            + (["--world", world] if world else []),
+        self._process = get_fork_server().start_haptorb(
+            *("run", "omni", "--headless", "--json", *options, *(["--world", world] if world else [])),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

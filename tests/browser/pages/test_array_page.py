@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,17 +12,16 @@ from typing import Any
 import pytest
 
 from haptorb.devices.loader import load
+from oracles.fork_server import get_fork_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
-
-COMMAND = [sys.executable, "-c", "import sys; from haptorb.cli import main; sys.exit(main())", "run", "planar"]
 
 
 @pytest.fixture
 def url(tmp_path: Path) -> Iterator[str]:
     """The page of a running `planar`."""
-    process = subprocess.Popen(
-        [*COMMAND, "--port", "0"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    process = get_fork_server().start_haptorb(
+        *("run", "planar", "--port", "0"), cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
     assert process.stdout is not None
     try:

@@ -19,6 +19,7 @@ from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.process_group import SignalStop
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.shared_memory import SharedMemory
+from oracles.fork_server import ForkServer
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(600), pytest.mark.usefixtures("quick_starts")]
 
@@ -64,11 +65,9 @@ TWICE = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)}
 class Host:
     """The program, and its servo's memory."""
 
-    def __init__(self, does: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", HOST, does],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+    def __init__(self, server: ForkServer, does: str) -> None:
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self.process = server.start_program("-c", HOST, does, text=True, **pipes)
         assert self.process.stdout is not None
         self.memory = SharedMemory(Path(self.process.stdout.readline().strip()))
         row = self.memory.ring.latest()
@@ -106,9 +105,9 @@ class Host:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
-def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number):
+def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number, fork_server):
     """Python runs no handler before that code returns; SIGTERM and SIGHUP end a program that has none."""
-    host = Host(IN_C)
+    host = Host(fork_server, IN_C)
     try:
         assert host.off_after(number) <= LIMIT
         if number is signal.SIGINT:
@@ -118,9 +117,9 @@ def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number):
         host.end()
 
 
-def test_a_signal_in_the_middle_of_code_that_lets_no_thread_run_is_a_stop():
+def test_a_signal_in_the_middle_of_code_that_lets_no_thread_run_is_a_stop(fork_server):
     """Not even the heart, which hears signals too: the loop itself reads them, long before it misses the heart."""
-    host = Host(HOLDS)
+    host = Host(fork_server, HOLDS)
     try:
         assert host.process.stdout.readline() == "holds\n"
         time.sleep(0.02)
@@ -173,15 +172,15 @@ shared.unlink()
 
 
 @pytest.mark.parametrize("when", ["read", "many"])
-def test_ctrl_c_beside_other_signals_is_not_lost(when):
+def test_ctrl_c_beside_other_signals_is_not_lost(when, fork_server):
     """While one is read, and after fifty between two readings: a profiler sends a thousand a second."""
-    command = [sys.executable, "-c", BESIDE_OTHER_SIGNALS, when]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    done = fork_server.run_program("-c", BESIDE_OTHER_SIGNALS, when)
+    assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["seen by the loop: True", "stops: 1 left: False", "stops: 1"]
 
 
-def test_leaving_the_block_switches_off_first():
-    host = Host(LEAVES)
+def test_leaving_the_block_switches_off_first(fork_server):
+    host = Host(fork_server, LEAVES)
     try:
         assert host.off_after(None) <= LIMIT
         assert "tidied" in host.close()
@@ -190,8 +189,8 @@ def test_leaving_the_block_switches_off_first():
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_a_signal_whose_exception_is_lost_ends_the_run_nevertheless(number):
-    host = Host("from haptorb.runtime.linux import raise_termination\nwith raise_termination():\n"
+def test_a_signal_whose_exception_is_lost_ends_the_run_nevertheless(number, fork_server):
+    host = Host(fork_server, "from haptorb.runtime.linux import raise_termination\nwith raise_termination():\n"
                 + "".join(f"    {line}\n" for line in FINALIZES.strip().splitlines()))  # fmt: skip
     try:
         time.sleep(0.3)
@@ -201,8 +200,8 @@ def test_a_signal_whose_exception_is_lost_ends_the_run_nevertheless(number):
         host.end()
 
 
-def test_a_second_signal_while_it_tidies_up_leaves_nothing_behind():
-    host = Host(TWICE)
+def test_a_second_signal_while_it_tidies_up_leaves_nothing_behind(fork_server):
+    host = Host(fork_server, TWICE)
     try:
         assert host.off_after(signal.SIGINT) <= LIMIT
         time.sleep(0.3)
