@@ -15,6 +15,12 @@ from serve.served_run import ServedRun
 
 CLIENTS = Path(__file__).resolve().parents[3] / "examples" / "clients"
 
+#: the page answers as fast as it can, and so do servers: there would be little time left for a test's questions
+PAUSE = """{
+  const send = WebSocket.prototype.send;
+  WebSocket.prototype.send = function (data) { setTimeout(() => send.call(this, data), 4); };
+}"""
+
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 
@@ -34,6 +40,7 @@ def site() -> Iterator[str]:
 def test_the_wall_of_the_page_pushes_the_tool_back(browser: Any, site: str) -> None:
     with ServedRun("haply:0:0") as run:
         page = browser.new_page()
+        page.add_init_script(PAUSE)
         troubles: list[str] = []
         page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
         page.goto(f"{site}/wall.html?address=ws://localhost:{run.port('haply')}")
