@@ -21,9 +21,10 @@ import numpy as np
 
 from haptorb.control.array_allocation import array_choice
 from haptorb.devices.base import Coils, State, rotation_to_axis
-from haptorb.devices.coil_array import CoilArray, PlacedCoils
+from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.coil_array_wrench_map import RULES, array_wrench
 from haptorb.devices.loader import load
+from haptorb.devices.placed_coils import PlacedCoils
 from haptorb.recording.row import STAGES, RowLayout
 from haptorb.runtime.servo import Servo
 from haptorb.worlds.basic import Wall

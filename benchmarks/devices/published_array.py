@@ -25,8 +25,9 @@ import numpy as np
 from haptorb.arrays import Array, cap_directions
 from haptorb.control.array_allocation import ArrayAllocator
 from haptorb.devices.base import State, require
-from haptorb.devices.coil_array import CoilArray, place_coils
+from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.loader import load
+from haptorb.devices.placed_coils import place_coils
 from haptorb.magnetics.interaction import wrench
 from haptorb.magnetics.magnets import CylinderMagnet
 from haptorb.magnetics.source import PlacedSource

@@ -11,7 +11,7 @@ import numpy as np
 from haptorb.arrays import Array, cap_directions
 from haptorb.devices import tables
 from haptorb.devices.base import Device, State, require
-from haptorb.devices.coil_array import CoilArray, find_farthest, find_spacing
+from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import (
     CHIP,
     GREATEST_LEAN,
@@ -23,6 +23,7 @@ from haptorb.devices.electromagnet import (
 from haptorb.devices.electromagnet_wrench_map import Windings, fill_wound
 from haptorb.devices.motor import SphericalMotor, measure_ring_pull
 from haptorb.devices.motor_layout import Layout
+from haptorb.devices.placed_coils import find_farthest, find_spacing
 from haptorb.devices.table_cache import load_field_table, load_torque_table
 from haptorb.devices.tables import PairTable, series_torque_table
 from haptorb.devices.weight_regulator import Regulator, torque_over_sine

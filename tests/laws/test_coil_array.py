@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from haptorb.devices.base import State
-from haptorb.devices.coil_array import CoilArray, MoverMagnet, place_coils
+from haptorb.devices.coil_array import CoilArray, MoverMagnet
 from haptorb.devices.loader import load
+from haptorb.devices.placed_coils import place_coils
 from haptorb.magnetics.interaction import wrench
 from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
 from haptorb.magnetics.source import PlacedSource

@@ -21,7 +21,8 @@ WIDTHS = (80, 120, 38)
 
 def omni_card():
     from haptorb.cli.electromagnet_card import ElectromagnetCard
-    from haptorb.devices.electromagnet import FeasibleWrench, Layer, ShellCapability
+    from haptorb.devices.electromagnet_capability import Layer, ShellCapability
+    from haptorb.devices.feasible_wrench import FeasibleWrench
 
     card = object.__new__(ElectromagnetCard)
     card._device = load("omni")

@@ -24,9 +24,10 @@ from haptorb.arrays import Array
 from haptorb.control.array_allocation import array_allocator
 from haptorb.control.capability import array_capability
 from haptorb.devices.base import State, rotation_to_axis
-from haptorb.devices.coil_array import CoilArray, PlacedCoils, place_coils
+from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.coil_array_wrench_map import array_wrench
 from haptorb.devices.electromagnet import FORCE_JND
+from haptorb.devices.placed_coils import PlacedCoils, place_coils
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.magnetics.soft_sphere import answer_to_source

@@ -29,13 +29,8 @@ from haptorb.arrays import Array
 from haptorb.control.allocation import force_allocator
 from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.core_parameters import CoreDynamics
-from haptorb.devices.electromagnet import (
-    COILS_AS_POINTS,
-    FORCE_JND,
-    SphericalElectromagnet,
-    point_field,
-    shell_capability,
-)
+from haptorb.devices.electromagnet import COILS_AS_POINTS, FORCE_JND, SphericalElectromagnet
+from haptorb.devices.electromagnet_capability import shell_capability
 from haptorb.devices.electromagnet_wrench_map import WoundCoils, fill_wound, ring_per_ampere
 from haptorb.devices.uncertainty import ElectromagnetTolerance
 from haptorb.display import format_quantity
@@ -46,6 +41,7 @@ from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, moment_field
 from haptorb.estimation.hall_tracker import CALIBRATED
 from haptorb.magnetics.coil import CentredCoil
 from haptorb.magnetics.core_attraction import pull
+from haptorb.magnetics.dipole import point_field
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by

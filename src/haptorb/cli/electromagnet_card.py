@@ -21,14 +21,9 @@ from haptorb.cli.card import (
 )
 from haptorb.cli.sensing_accuracy import summarize_sensing
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import (
-    FORCE_JND,
-    FeasibleWrench,
-    Layer,
-    SphericalElectromagnet,
-    feasible_wrench,
-    shell_capability,
-)
+from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet
+from haptorb.devices.electromagnet_capability import Layer, shell_capability
+from haptorb.devices.feasible_wrench import FeasibleWrench, feasible_wrench
 from haptorb.magnetics.wire import wind
 from haptorb.terminal import Column, TextTable, print_table, print_text
 

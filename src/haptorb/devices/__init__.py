@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from haptorb.devices.base import register as register_kind
     from haptorb.devices.coil_array import CoilArray
     from haptorb.devices.core_parameters import fit_eddy_lag
-    from haptorb.devices.electromagnet import ShellCapability, SphericalElectromagnet, shell_capability
+    from haptorb.devices.electromagnet import SphericalElectromagnet
+    from haptorb.devices.electromagnet_capability import ShellCapability, shell_capability
     from haptorb.devices.geometry import Geometry
     from haptorb.devices.loader import parse as parse_device
     from haptorb.devices.motor import SphericalMotor
@@ -36,7 +37,8 @@ __getattr__, __dir__ = lazy_names(
     {
         "haptorb.devices.base": "DeviceKind register>register_kind",
         "haptorb.devices.coil_array": "CoilArray",
-        "haptorb.devices.electromagnet": "ShellCapability SphericalElectromagnet shell_capability",
+        "haptorb.devices.electromagnet": "SphericalElectromagnet",
+        "haptorb.devices.electromagnet_capability": "ShellCapability shell_capability",
         "haptorb.devices.core_parameters": "fit_eddy_lag",
         "haptorb.devices.geometry": "Geometry",
         "haptorb.devices.loader": "parse>parse_device",

@@ -12,10 +12,11 @@ from haptorb.arrays import Array
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
 from haptorb.devices.build_checks import refuse_unbuildable
-from haptorb.devices.coil_array import ArrayMover, BuildTolerance, CoilArray, MoverMagnet, PlacedCoils, Surface
+from haptorb.devices.coil_array import ArrayMover, BuildTolerance, CoilArray, MoverMagnet, Surface
 from haptorb.devices.electromagnet import DomeContact, Hand
 from haptorb.devices.electromagnet_file import DomeSection, HandSection
 from haptorb.devices.magnet_grades import Letters, MagnetUse, Temperature
+from haptorb.devices.placed_coils import PlacedCoils
 from haptorb.devices.schema import (
     BasedOn,
     CommonFile,

@@ -7,7 +7,6 @@ from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from pathlib import Path
 from typing import ClassVar
-from warnings import warn
 
 import numpy as np
 from numpy import ascontiguousarray
@@ -20,7 +19,6 @@ from haptorb.devices.base import (
     Shell,
     State,
     WrenchMap,
-    endurance,
     require,
     rotation_to_axis,
 )
@@ -43,7 +41,7 @@ from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.magnetics.core_attraction import PassivePull
-from haptorb.magnetics.dipole import MU0, dipole_per_ampere
+from haptorb.magnetics.dipole import MU0, dipole_per_ampere, point_field
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 
@@ -56,22 +54,16 @@ __all__ = [
     "GREATEST_LEAN",
     "PEN",
     "DomeContact",
-    "FeasibleWrench",
     "Hand",
-    "Layer",
-    "ShellCapability",
     "SphericalElectromagnet",
     "Tool",
     "check_windings",
     "electromagnet",
     "electromagnet_geometry",
-    "feasible_wrench",
     "find_sensor_field",
     "list_geometry_mistakes",
     "list_remarks",
     "pen_distance",
-    "point_field",
-    "shell_capability",
 ]
 
 
@@ -260,14 +252,6 @@ def pen_distance(device: SphericalElectromagnet, points: Array, lean: float) -> 
         along = np.maximum((from_tip * axis).sum(axis=1), 0.0)
         out[k] = np.linalg.norm(from_tip - along[:, None] * axis, axis=1).min()
     return out
-
-
-def point_field(points: Array) -> Array:
-    """(n, 3, 3) [T/(A·m²)] of unit moments along x, y, z at the centre, at `points` (n, 3) [m]."""
-    away = np.linalg.norm(points, axis=1)[:, None, None]
-    unit = points / away[:, 0]
-    found: Array = MU0 / (4 * np.pi) * (3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)) / away**3
-    return found
 
 
 #: Tabulated once for all copies of a device with the same tool and core: a calibration or an error analysis makes
@@ -743,309 +727,6 @@ def list_geometry_mistakes(
                 f"({core_radius * 1e3:g} mm); state its position in the stator frame"
             )
     return found
-
-
-# --------------------------------------------------------------------------------------------------
-# Which wrenches a spherical electromagnet can give at a pose: the image of the box of its currents.
-#
-# Three coils and two limits each make a box; the wrench map turns it into a zonotope: for the force a parallelepiped
-# with eight corners, moved by the core's pull, for the torque a flat hexagon, because no torque about the magnet's own
-# axis can be given. Force and torque are not independent of each other: one choice of currents makes both.
-#
-# A supply that cannot give all coils their limits at once rounds the box's corners off: the corners are then those of
-# the polytope of some hundreds of points on the surface, and what can be given in every direction is the least of the
-# support function of box and ellipsoid, refined from the polytope's weakest faces.
-
-
-_GRID = 17  #: points along an edge of the currents' box
-_ROUNDS, _MEET = 100, 1e-9  #: of the search for the weakest direction: at the most, and where its bounds meet
-
-
-@dataclass(frozen=True)
-class FeasibleWrench:
-    """Feasible forces and torques at one pose, stator frame.
-
-    currents          (n, 3) [A] the corners of what currents there can be: eight where the supply gives them all
-    force             (n, 3) [N] the force at each of them, core's pull included: the polytope's corners
-    torque            (v, 3) [N·m] corners of the torque's polygon, in order around it; about the magnet's centre
-    unreachable       (3,) unit vector: the axis about which no torque can be given
-    guaranteed_force  [N] the greatest force that can be given in every direction; negative if not even none can
-    guaranteed_torque [N·m] the same for torques across the unreachable axis
-    """
-
-    currents: Array
-    force: Array
-    torque: Array
-    unreachable: Array
-    guaranteed_force: float
-    guaranteed_torque: float
-
-
-def feasible_wrench(device: SphericalElectromagnet, state: State, model: str | None = None) -> FeasibleWrench:
-    """The polytopes of `device` at `state` within its current limits and its supply's power, by its `model`; None: the
-    first.
-
-    Raises GeometryError inside the core.
-
-    >>> from dataclasses import replace
-    >>> from haptorb.devices.loader import load
-    >>> strong = replace(load("omni"), supply=replace(load("omni").supply, power=np.inf))
-    >>> able = feasible_wrench(strong, State.at((0, 0, 0.05)))
-    >>> able.force.shape, len(able.torque), (able.unreachable.round(6) + 0.0).tolist()
-    ((8, 3), 6, [0.0, 0.0, 1.0])
-    """
-    known = device.wrench_map(state, model or device.models[0])
-    limit = device.driven_current
-    rank, lost, plane = _torque_plane(known.torque * limit, state)
-    if device.supply.power < device.greatest_resistance @ limit**2:
-        return _with_supply(device, known, lost, plane if rank == 2 else None)
-    corners = np.array(list(product((-1.0, 1.0), repeat=device.channels))) * limit
-    force = corners @ known.force.T + known.passive[:3]
-    edges = (known.force * limit).T  # one generator per coil, half an edge
-    normals = np.array([np.cross(edges[i], edges[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    reach = np.abs(normals @ edges.T).sum(axis=1)
-    inside = np.concatenate([reach + normals @ known.passive[:3], reach - normals @ known.passive[:3]])
-    torque, flat = np.empty((0, 3)), 0.0
-    if rank == 2:
-        torque, flat = _polygon((known.torque * limit).T, plane, known.passive[3:])
-    return FeasibleWrench(corners, force, torque, lost, float(inside.min()), flat)
-
-
-def _torque_plane(torque: Array, state: State) -> tuple[int, Array, Array]:
-    """Rank of `torque` (3, m), the axis about which nothing can be given, and (3, 2) the plane of what can."""
-    axes, sizes, _ = np.linalg.svd(torque)
-    rank = int((sizes > 1e-6 * sizes[0]).sum()) if sizes[0] > 0.0 else 0
-    lost = axes[:, -1] * (1.0 if axes[:, -1] @ state.axis >= 0.0 else -1.0)
-    return rank, lost, axes[:, :2]
-
-
-def _with_supply(device: SphericalElectromagnet, known: WrenchMap, lost: Array, plane: Array | None) -> FeasibleWrench:
-    """The hulls of the wrenches on the surface of the currents that coils and supply allow."""
-    from scipy.spatial import ConvexHull  # a tenth of a second that only a card should wait
-
-    grid = np.linspace(-1.0, 1.0, _GRID)
-    box = np.array([u for u in product(grid, repeat=device.channels) if max(map(abs, u)) == 1.0])
-    currents = box * device.driven_current
-    power = currents**2 @ device.greatest_resistance
-    currents *= np.minimum(1.0, np.sqrt(device.supply.power / power))[:, None]
-    wrench = currents @ known.matrix.T + known.passive
-    hull = ConvexHull(wrench[:, :3])
-    torque, flat = np.empty((0, 3)), 0.0
-    if plane is not None:
-        outline = ConvexHull(wrench[:, 3:] @ plane)
-        torque = wrench[outline.vertices, 3:]
-        flat = _least_support(device, known.torque.T @ plane, known.passive[3:] @ plane, wrench[:, 3:] @ plane)
-    corners = hull.vertices
-    inside = _least_support(device, known.force.T, known.passive[:3], wrench[:, :3])
-    return FeasibleWrench(currents[corners], wrench[corners, :3], torque, lost, inside, flat)
-
-
-def _strongest_currents(device: SphericalElectromagnet, gains: Array) -> Array:
-    """(n, m) the currents within the coils' limits and the supply's power that make the most of `gains` (n, m) @
-    currents: each is its gain over its resistance by one factor, cut at its limit."""
-    limit, resistance, power = device.driven_current, device.greatest_resistance, device.supply.power
-    per_factor = np.maximum(np.abs(gains) / resistance, 1e-30)
-    # Coil after coil reaches its limit as the factor grows; the supply ends that at one of these factors, or before.
-    cut_at = limit / per_factor
-    order = np.argsort(cut_at, axis=-1)
-    cut = np.take_along_axis(np.broadcast_to(resistance * limit**2, gains.shape), order, axis=-1)
-    free = np.take_along_axis(resistance * per_factor**2, order, axis=-1)
-    spent = np.cumsum(cut, axis=-1) - cut  # by the coils that are at their limits, before each of them
-    left = np.cumsum(free[:, ::-1], axis=-1)[:, ::-1]  # of the others, per factor squared
-    factors = np.sqrt(np.maximum(power - spent, 0.0) / left)
-    ends = factors <= np.take_along_axis(cut_at, order, axis=-1)
-    ended = np.take_along_axis(factors, ends.argmax(axis=-1)[:, None], axis=-1)
-    factor = np.where(ends.any(axis=-1)[:, None], ended, np.inf)
-    currents: Array = np.sign(gains) * np.minimum(factor * per_factor, limit)
-    return currents
-
-
-def _least_support(device: SphericalElectromagnet, gains: Array, passive: Array, points: Array) -> float:
-    """The least that can be given in any direction; gains (m, d) per direction and ampere, from `points` (n, d) that
-    can be given. Negative if nothing in some directions: the distance from 0 to what can be given.
-
-    What the hull of known points gives is a lower bound, what can be given in its weakest directions an upper one; the
-    points that are reached there join the hull until the two meet.
-    """
-    from scipy.optimize import nnls
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(points, incremental=True)
-    scale = float(np.abs(points).max())
-    upper = np.inf
-    for _ in range(_ROUNDS):
-        inside = -hull.equations[:, -1]
-        lower = float(inside.min())
-        ways = hull.equations[np.argsort(inside)[:6], :-1]
-        if lower < 0.0:
-            corners = hull.points[hull.vertices] / scale
-            shares = nnls(np.vstack([corners.T, np.ones(len(corners))]), np.append(np.zeros(points.shape[1]), 1.0))[0]
-            nearest = scale * (shares @ corners) / shares.sum()
-            lower = -float(np.linalg.norm(nearest))
-            ways = -nearest[None] / np.linalg.norm(nearest)
-        reached = _strongest_currents(device, ways @ gains.T) @ gains + passive
-        upper = min(upper, float(np.einsum("nd,nd->n", ways, reached).min()))
-        if upper - lower <= _MEET * scale:
-            break
-        hull.add_points(reached)
-    return upper
-
-
-def _polygon(spins: Array, plane: Array, passive: Array) -> tuple[Array, float]:
-    """Corners of the planar zonotope in order: its edges are twice its generators, sorted by direction."""
-    flat = spins @ plane
-    flat = np.where((flat[:, 1] < 0) | ((flat[:, 1] == 0) & (flat[:, 0] < 0)), -1.0, 1.0)[:, None] * flat
-    flat = flat[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
-    half = -flat.sum(axis=0) + 2 * np.vstack([np.zeros(2), np.cumsum(flat, axis=0)[:-1]])
-    corners = np.vstack([half, -half])
-    middle = passive @ plane
-    normals = np.column_stack([-flat[:, 1], flat[:, 0]])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    reach = np.abs(normals @ flat.T).sum(axis=1)
-    inside = np.concatenate([reach + normals @ middle, reach - normals @ middle])
-    return corners @ plane.T + passive, float(inside.min())
-
-
-# --------------------------------------------------------------------------------------------------
-# Performance of a spherical electromagnet over its shell: peak and continuous force, endurance, and model error.
-#
-# Coils that warm each other last less. A continuous force is stated with one coil warm, where each coil carries what it
-# stands alone, and with all coils warm, where each carries what it stands while all carry as much.
-
-
-@dataclass(frozen=True)
-class Layer:
-    """Forces on a radial tool at one distance, least over the workspace [N]; the device's first model."""
-
-    distance: float  #: of the tool's magnet from the centre [m]
-    peak_radial: float
-    peak_tangential: float
-    continuous_radial: float  #: one coil warm
-    continuous_tangential: float
-    continuous_radial_all_warm: float
-    continuous_tangential_all_warm: float
-    passive_pull: float  #: towards the centre, with all currents off
-    dipole_error: (
-        float  #: greatest relative error of the coils' force if the tool's magnet is a point dipole; its shape
-    )
-    coil_error: float | None  #: relative error of the force, rms over directions, as coils are points; None: unknown
-
-    def __getattr__(self, name: str) -> float:
-        """Value by the name it had before: lasting_radial and the like."""
-        now = name.replace("lasting_", "continuous_", 1)
-        if now == name or now not in type(self).__annotations__:
-            raise AttributeError(f"'Layer' has no attribute '{name}'")
-        warn(f"Layer.{name} is now called Layer.{now}", DeprecationWarning, stacklevel=2)
-        return float(getattr(self, now))
-
-    @property
-    def dipole_error_jnd(self) -> float:
-        """The same in just-noticeable differences of force."""
-        return self.dipole_error / FORCE_JND
-
-
-@dataclass(frozen=True)
-class ShellCapability:
-    """Force over the shell above the dome by height, and how long loads last.
-
-    Parameters
-    ----------
-    layers : tuple of Layer
-        Peak and continuous force [N] at each distance from the centre, from contact outward.
-    endurance : tuple of (float, float)
-        Share of full current [1], and time from cold to derating [s] or inf.
-    """
-
-    layers: tuple[Layer, ...]
-    endurance: tuple[tuple[float, float], ...]
-
-
-def shell_capability(device: Device | str | Path, distances: Array | None = None, points: int = 60) -> ShellCapability:
-    """Compute the peak and continuous force of a spherical electromagnet over its shell.
-
-    Parameters
-    ----------
-    device : Device, str or Path
-        Spherical electromagnet, or its name in the catalogue, or path of its file.
-    distances : ndarray, shape (n,), optional
-        Distances of the tool's magnet from the centre [m]; None: five from contact to the top of the shell.
-    points : int
-        Number of directions over the workspace.
-
-    Returns
-    -------
-    ShellCapability
-        Forces [N] in the weakest direction at each distance, and times [s] from cold to derating.
-
-    Raises
-    ------
-    InputError
-        If the device is not a spherical electromagnet.
-
-    Notes
-    -----
-    By the device's first model, within the current limits, the continuous currents and the power of the supply, with
-    windings at the stop temperature.
-
-    Examples
-    --------
-    >>> contact = shell_capability("omni", points=20).layers[0]
-    >>> contact.continuous_radial_all_warm < contact.peak_radial
-    True
-    """
-    known = electromagnet(device, "the capability of a shell")
-    if distances is None:
-        distances = known.contact_distance + np.linspace(0, known.shell_thickness, 5)
-    directions = cap_directions(known.workspace_half_angle, points)
-    return ShellCapability(tuple(_layer(known, float(d), directions) for d in distances), endurance(known))
-
-
-def _layer(device: SphericalElectromagnet, distance: float, directions: Array) -> Layer:
-    most = np.array([device.driven_current, device.sustained_current, device.sustained_current_together])
-    radial, tangential, pulls, errors = [], [], [], []
-    wound: list[float] | None = [] if device.has_sizes else None
-    for direction in directions:
-        state = State.at(distance * direction)
-        exact, points = device.wrench_map(state, device.models[0]), device.wrench_map(state, "point-coils")
-        dipole = device.wrench_map(state, "published")
-        per_newton = np.linalg.inv(exact.force)
-        ways = state.R_SR.T  # rows: two tangents and the radial direction
-        amperes = ways @ per_newton.T  # (3, m) for one newton each way
-        outward = float(device.greatest_resistance @ amperes[2] ** 2)
-        radial.append(_greatest(device, np.abs(amperes[2]), outward, most))
-        # The weakest direction in the tangent plane: for a coil's limit, along its own gradient; for the supply, along
-        # the axis of the greatest power.
-        power = (device.greatest_resistance * amperes[:2]) @ amperes[:2].T
-        across = np.linalg.norm(amperes[:2], axis=0)
-        tangential.append(_greatest(device, across, float(np.linalg.eigvalsh(power)[-1]), most))
-        pulls.append(-exact.passive[:3] @ direction)
-        errors.append(np.linalg.norm(points.force @ np.linalg.inv(dipole.force) - np.eye(3), 2))
-        if wound is not None:
-            given = exact.force @ np.linalg.inv(points.force)
-            wound.append(float(np.linalg.norm(given - np.eye(3)) ** 2 / 3))
-    peak, lasting, warm = np.min(radial, axis=0)
-    peak_t, lasting_t, warm_t = np.min(tangential, axis=0)
-    return Layer(
-        distance,
-        float(peak),
-        float(peak_t),
-        float(lasting),
-        float(lasting_t),
-        float(warm),
-        float(warm_t),
-        float(np.mean(pulls)),
-        float(np.max(errors)),
-        None if wound is None else float(np.sqrt(np.mean(wound))),
-    )
-
-
-def _greatest(device: SphericalElectromagnet, amperes: Array, watts: float, most: Array) -> Array:
-    """(k,) the maximum force [N] within each row of `most` (k, m) [A] and the supply, where one newton takes at most
-    `amperes` (m,) in each coil and `watts` in all."""
-    within: Array = (most / np.maximum(amperes, 1e-30)).min(axis=1)
-    supplied = np.sqrt(device.supply.power / watts)
-    return np.minimum(within, supplied)
 
 
 # --------------------------------------------------------------------------------------------------

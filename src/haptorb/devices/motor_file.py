@@ -17,18 +17,9 @@ from haptorb.devices.base import Coils
 from haptorb.devices.build_checks import refuse_unbuildable
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.magnet_grades import Letters, MagnetUse, Temperature
-from haptorb.devices.motor import (
-    EndStop,
-    Grasp,
-    Rotor,
-    SphericalMotor,
-    findings,
-    grouping,
-    match_winding,
-    pair_opposite,
-    workspace_sample,
-)
+from haptorb.devices.motor import EndStop, Grasp, Rotor, SphericalMotor, findings, workspace_sample
 from haptorb.devices.motor_layout import Layout, PartRing, alternate_signs
+from haptorb.devices.motor_wiring import grouping, match_winding, pair_opposite
 from haptorb.devices.schema import (
     RIGHT_ANGLE,
     BasedOn,

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite
-from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.electromagnet_wrench_map import Windings
 from haptorb.errors import CalibrationError, InputError
+from haptorb.magnetics.dipole import point_field
 
 __all__ = [
     "MagneticCalibration",

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, vectors
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, point_field
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from haptorb.arrays import Array, check_finite
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.core_parameters import CoreDynamics
-from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.field_sensors import FieldSensors, SensorCorrection, SensorErrors
 from haptorb.errors import CalibrationError, quote
 from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.json_file import numbers
 from haptorb.magnetics import dipole
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, point_field
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by

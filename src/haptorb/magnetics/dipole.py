@@ -15,7 +15,17 @@ from haptorb.compiled import kernel
 from haptorb.errors import GeometryError
 from haptorb.magnetics.source import Source
 
-__all__ = ["MU0", "Dipole", "dipole_per_ampere", "field", "field_gradient", "fill_per_ampere", "force", "torque"]
+__all__ = [
+    "MU0",
+    "Dipole",
+    "dipole_per_ampere",
+    "field",
+    "field_gradient",
+    "fill_per_ampere",
+    "force",
+    "point_field",
+    "torque",
+]
 
 MU0 = 4e-7 * np.pi  #: Vacuum permeability μ0 [T·m/A], the rounded value 4π·10⁻⁷ that both papers use.
 _K = MU0 / (4 * np.pi)
@@ -291,3 +301,11 @@ def dipole_per_ampere(moment: float, moment_per_current: Array, p: Array, R: Arr
         axis[i] = R[i, 2]
     _dipole_map(p, axis, moment, per_moment)
     fill_per_ampere(per_moment, moment_per_current, out)
+
+
+def point_field(points: Array) -> Array:
+    """(n, 3, 3) [T/(A·m²)] of unit moments along x, y, z at the centre, at `points` (n, 3) [m]."""
+    away = np.linalg.norm(points, axis=1)[:, None, None]
+    unit = points / away[:, 0]
+    found: Array = MU0 / (4 * np.pi) * (3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)) / away**3
+    return found

@@ -18,8 +18,9 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.coil_array import ArrayMover, BuildTolerance, CoilArray, PlacedCoils, place_coils
+from haptorb.devices.coil_array import ArrayMover, BuildTolerance, CoilArray
 from haptorb.devices.coil_array_wrench_map import ArrayMap, add_core
+from haptorb.devices.placed_coils import PlacedCoils, place_coils
 from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import answer_to_source

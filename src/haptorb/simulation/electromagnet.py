@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, Record, Records, check_finite, fields, vectors
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import Device, State
-from haptorb.devices.electromagnet import SphericalElectromagnet, point_field
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.field_sensors import draw_sensors
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
+from haptorb.magnetics.dipole import point_field
 from haptorb.magnetics.magnets import ChargedRing, charge_field
 from haptorb.magnetics.soft_sphere import add_induced_field
 from haptorb.simulation.base import CoilSimulation

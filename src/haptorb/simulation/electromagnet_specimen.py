@@ -18,9 +18,9 @@ from scipy.special import elliprd
 
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
-from haptorb.devices.coil_array import PlacedCoils, place_coils
 from haptorb.devices.coil_array_wrench_map import place_charges
 from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.placed_coils import PlacedCoils, place_coils
 from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import InteriorCoil
 from haptorb.magnetics.current_sheets import loop_field

@@ -11,8 +11,8 @@ import pytest
 from haptorb.arrays import cap_directions
 from haptorb.control.array_allocation import ArrayAllocator
 from haptorb.devices.base import State, WrenchMap
-from haptorb.devices.coil_array import find_spacing, place_coils
 from haptorb.devices.loader import load
+from haptorb.devices.placed_coils import find_spacing, place_coils
 from haptorb.errors import InputError
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.interaction import wrench

@@ -7,10 +7,11 @@ import pytest
 
 from haptorb.arrays import cap_directions
 from haptorb.devices.base import State
-from haptorb.devices.coil_array import PlacedCoils
-from haptorb.devices.electromagnet import pen_distance, shell_capability
+from haptorb.devices.electromagnet import pen_distance
+from haptorb.devices.electromagnet_capability import shell_capability
 from haptorb.devices.loader import load
 from haptorb.devices.motor import workspace_sample
+from haptorb.devices.placed_coils import PlacedCoils
 from haptorb.errors import InputError, UnknownName
 from haptorb.magnetics.coil import COPPER_DENSITY
 from haptorb_design.objectives import (

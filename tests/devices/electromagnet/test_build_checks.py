@@ -9,7 +9,9 @@ from haptorb.cli import main
 from haptorb.cli.card import print_card
 from haptorb.devices.base import State, rotation_to_axis
 from haptorb.devices.build_checks import BuildError
-from haptorb.devices.electromagnet import ELECTROMAGNET, feasible_wrench, find_sensor_field, shell_capability
+from haptorb.devices.electromagnet import ELECTROMAGNET, find_sensor_field
+from haptorb.devices.electromagnet_capability import shell_capability
+from haptorb.devices.feasible_wrench import feasible_wrench
 from haptorb.devices.loader import catalogue, load, parse
 from haptorb.errors import DeviceError
 from haptorb.magnetics.magnets import RingMagnet

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from haptorb.control.allocation import force_allocator
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import feasible_wrench
+from haptorb.devices.feasible_wrench import feasible_wrench
 from haptorb.devices.loader import load
 from haptorb.errors import GeometryError
 

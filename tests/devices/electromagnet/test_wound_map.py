@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import SphericalElectromagnet, shell_capability
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet_capability import shell_capability
 from haptorb.devices.loader import load
 from haptorb.errors import UnknownName
 from oracles import wound_coils

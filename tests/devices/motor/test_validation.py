@@ -10,7 +10,8 @@ import haptorb
 from haptorb.devices import loader
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import parse
-from haptorb.devices.motor import grouping, measure_ring_pull
+from haptorb.devices.motor import measure_ring_pull
+from haptorb.devices.motor_wiring import grouping
 from haptorb.errors import DeviceError
 from haptorb.rotations import rotation_from_euler
 

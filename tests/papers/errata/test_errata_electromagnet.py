@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import shell_capability
+from haptorb.devices.electromagnet_capability import shell_capability
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import ChargedRing

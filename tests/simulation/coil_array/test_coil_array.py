@@ -10,8 +10,9 @@ import pytest
 from haptorb import worlds
 from haptorb.control.array_allocation import array_allocator
 from haptorb.devices.base import State, rotation_to_axis
-from haptorb.devices.coil_array import BuildTolerance, place_coils
+from haptorb.devices.coil_array import BuildTolerance
 from haptorb.devices.loader import load
+from haptorb.devices.placed_coils import place_coils
 from haptorb.errors import DriverError, InputError
 from haptorb.simulation.coil_array import SimulatedCoilArray
 from haptorb.simulation.coil_array_specimen import draw_coils, draw_strength, fill_array_truth, make_array_truth

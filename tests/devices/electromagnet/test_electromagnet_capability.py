@@ -9,7 +9,8 @@ import pytest
 
 from haptorb.arrays import cap_directions
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import SphericalElectromagnet, shell_capability
+from haptorb.devices.electromagnet import SphericalElectromagnet
+from haptorb.devices.electromagnet_capability import shell_capability
 from haptorb.devices.loader import load
 
 OMNI = load("omni")
