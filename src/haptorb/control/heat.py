@@ -29,7 +29,7 @@ def derating_share(h: Record) -> float:
     1 up to h.derate, from there falling linearly to 0 at h.stop, where the guard trips. h is a HEAT.
     """
     if h.hottest > h.derate:
-        return (h.stop - h.hottest) / (h.stop - h.derate)
+        return float((h.stop - h.hottest) / (h.stop - h.derate))
     return 1.0
 
 
