@@ -9,12 +9,12 @@ from typing import Any
 from haptorb.errors import HaptorbError, RecordingError
 from haptorb.files import escape_formula, foreign_text, parse_json, read_text, replace_folder
 from haptorb.version import __version__
-from haptorb_study.codes import make_labels
 from haptorb_study.columns import Columns
 from haptorb_study.data_dictionary import describe_columns, describe_events
 from haptorb_study.export_scripts import make_python_script, make_r_script
 from haptorb_study.export_table import Replies, explain_write_error, write_json, write_table, write_text
 from haptorb_study.incidents import Incident
+from haptorb_study.participant_codes import make_labels
 from haptorb_study.study_file import Study, study_of
 
 __all__ = ["write_bids"]

@@ -93,10 +93,10 @@ def participants(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the codes in use, the states of their sessions, and a free code."""
-    from haptorb_study.codes import next_code
     from haptorb_study.columns import read_study
     from haptorb_study.data_kind import describe_kind, read_contents
     from haptorb_study.database import database, list_participants
+    from haptorb_study.participant_codes import next_code
 
     engine = database(db, make=False)
     known, holds = read_study(engine, name), read_contents(engine)
@@ -149,7 +149,7 @@ def analyse(
     kind = None if data is None else check_kind(data)
     registered = None
     if registration is not None:
-        from haptorb_study.registration import read_registration
+        from haptorb_study.preregistration import read_registration
 
         registered = read_registration(registration)
     with make_progress() as bar:
@@ -225,9 +225,9 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier export of this study.")] = False,
 ) -> None:
     """Export all trials, one row each: CSV, Parquet, or a BIDS folder, with a data dictionary."""
-    from haptorb_study.copies import record_copy
     from haptorb_study.data_kind import check_kind
     from haptorb_study.database import database
+    from haptorb_study.database_copies import record_copy
     from haptorb_study.export import check_output, export_study
 
     check_output(path)
@@ -331,7 +331,7 @@ def check(
     known = read_study(file)
     order = summarize_order(known, people)
     if register is not None:
-        from haptorb_study.registration import write_registration
+        from haptorb_study.preregistration import write_registration
 
         made = write_registration(known, register)
         notify(f"registered: plan {made.plan} of study {made.study}, {made.written}, in {register}")
@@ -477,9 +477,9 @@ def run(
     """Run sessions with a page for the participant and one for the experimenter. Resumes interrupted sessions."""
     from haptorb.runtime.linux import describe_timing, is_windows
     from haptorb.web.server import PageAddress
-    from haptorb_study.codes import check_code
     from haptorb_study.data_kind import check_contents
     from haptorb_study.database import database
+    from haptorb_study.participant_codes import check_code
     from haptorb_study.recordings import find_recording_path, name_parts
     from haptorb_study.study_file import read_study
 
@@ -516,7 +516,7 @@ def run(
         notify(timing)
     streams = None
     if lsl is not None:
-        from haptorb_study.streams import open_streams
+        from haptorb_study.lsl_streams import open_streams
 
         streams = open_streams(lsl)
     engine = database(db)  # before the device: without storage nothing is started
@@ -653,7 +653,7 @@ def backup(
     into: Annotated[Path, typer.Argument(help="New file.")],
 ) -> None:
     """Copy a database file in its present state, also while a session runs; `withdraw` includes the copy."""
-    from haptorb_study.copies import back_up
+    from haptorb_study.database_copies import back_up
 
     echo(f"backup: {back_up(db, into)}")
 

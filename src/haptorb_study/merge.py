@@ -24,8 +24,6 @@ from sqlalchemy.engine import Engine
 
 from haptorb.errors import InputError, RecordingError
 from haptorb.sql import make_engine, mask_password, url_of
-from haptorb_study.codes import check_code, fold_spelling, is_reserved
-from haptorb_study.copies import record_copy
 from haptorb_study.data_kind import describe_kind, read_contents
 from haptorb_study.database import (
     contents,
@@ -41,6 +39,8 @@ from haptorb_study.database import (
     utc_now,
     withdrawn,
 )
+from haptorb_study.database_copies import record_copy
+from haptorb_study.participant_codes import check_code, fold_spelling, is_reserved
 from haptorb_study.recordings import folder_of, locate_recording, name_parts, name_recording
 from haptorb_study.study_file import Study, study_of
 

@@ -15,7 +15,6 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from haptorb.errors import InputError, RecordingError
 from haptorb.version import __version__
-from haptorb_study.codes import check_code, find_other_spelling, fold_spelling, is_reserved
 from haptorb_study.data_kind import Kind, claim_contents
 from haptorb_study.database import (
     events,
@@ -31,6 +30,7 @@ from haptorb_study.database import (
     withdrawn,
 )
 from haptorb_study.order import plan, procedure_of
+from haptorb_study.participant_codes import check_code, find_other_spelling, fold_spelling, is_reserved
 from haptorb_study.procedures import Procedure
 from haptorb_study.prompts import Answer, Prompt, read_value
 from haptorb_study.stored_rows import MAX_PLAN_CHARACTERS

@@ -17,9 +17,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.errors import HaptorbError, RecordingError
 from haptorb.sql import mask_password
-from haptorb_study.codes import find_other_spelling
 from haptorb_study.columns import read_study
-from haptorb_study.copies import Copy, list_copies
 from haptorb_study.data_kind import check_kind
 from haptorb_study.database import (
     database,
@@ -33,7 +31,9 @@ from haptorb_study.database import (
     utc_now,
     withdrawn,
 )
+from haptorb_study.database_copies import Copy, list_copies
 from haptorb_study.export import export_study
+from haptorb_study.participant_codes import find_other_spelling
 from haptorb_study.recordings import folder_of, locate_recording
 from haptorb_study.study_file import Study
 

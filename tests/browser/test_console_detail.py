@@ -26,26 +26,26 @@ PACED = """
 
 @pytest.fixture
 def governed(tmp_path):
-    """A function from the times between frames [ms] to the level after each of them: the page's own governor."""
+    """A function from the times between frames [ms] to the level after each of them: the page's own control."""
     web = Path(__file__).parents[2] / "web"
     tool = shutil.which("node")
     if tool is None or not (web / "node_modules").exists():
         pytest.skip("no node on this machine, or the pages were built elsewhere")
-    bundle = tmp_path / "governor.mjs"
-    options = {"entryPoints": ["src/scene/governor.ts"], "format": "esm", "outfile": str(bundle)}
+    bundle = tmp_path / "detail.mjs"
+    options = {"entryPoints": ["src/scene/detail.ts"], "format": "esm", "outfile": str(bundle)}
     make = f"import {{ build }} from 'esbuild'; await build({json.dumps(options)})"
     subprocess.run([tool, "--input-type=module", "-e", make], cwd=web, check=True, timeout=60)
 
-    def measure_governor(paces: list[int]) -> list[str]:
+    def measure_levels(paces: list[int]) -> list[str]:
         ask = (
-            f"import {{ Governor }} from {json.dumps(bundle.as_uri())};"
-            f"const governor = new Governor('full', false); let now = 0; governor.frame(now);"
-            f"console.log(JSON.stringify({paces}.map((ms) => (governor.frame((now += ms)), governor.level))))"
+            f"import {{ DetailControl }} from {json.dumps(bundle.as_uri())};"
+            f"const control = new DetailControl('full', false); let now = 0; control.frame(now);"
+            f"console.log(JSON.stringify({paces}.map((ms) => (control.frame((now += ms)), control.level))))"
         )
         run = subprocess.run([tool, "--input-type=module", "-e", ask], check=True, timeout=60, capture_output=True)
         return json.loads(run.stdout)
 
-    return measure_governor
+    return measure_levels
 
 
 def move_until(screen, fake, wanted: str, most: int = 1500) -> int:

@@ -19,7 +19,7 @@ from haptorb.errors import DriverError, InputError
 from haptorb.recording.recording import Recording
 from haptorb.runtime.hand_file import read_hand
 from haptorb.serve.native_libraries import find_libraries
-from haptorb.serve.program_check import check_program
+from haptorb.serve.native_program_check import check_program
 from haptorb.testing import haptic_device, scripted_hand
 from oracles.command import run_command
 from oracles.fork_server import HAPTORB, get_fork_server

@@ -16,7 +16,7 @@ import { WorldPanel } from "./panels/world";
 import { expose } from "./probe";
 import { dot, norm, Sample } from "./sample";
 import { firstOf, type DeviceScene, type Readings } from "./scene/device_scene";
-import { requestedLevel, DETAIL, Governor } from "./scene/governor";
+import { requestedLevel, DETAIL, DetailControl } from "./scene/detail";
 import { isDrawnInSoftware } from "./scene/graphics";
 import { Drag } from "./scene/drag";
 import { Orbit } from "./scene/orbit";
@@ -43,7 +43,7 @@ const RETRY = 1000; // ms until the server is asked again who it is
 class Console {
   private readonly sample: Sample;
   private readonly history: History;
-  private readonly governor: Governor;
+  private readonly detailControl: DetailControl;
   private readonly stage: Stage;
   readonly orbit: Orbit;
   private readonly scene: DeviceScene;
@@ -90,8 +90,8 @@ class Console {
     this.sample = new Sample(session.columns);
     this.history = new History(session.columns);
     const wanted = requestedLevel();
-    this.governor = new Governor(wanted ?? (isDrawnInSoftware() ? "layered" : "full"), wanted !== null);
-    this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.governor.best);
+    this.detailControl = new DetailControl(wanted ?? (isDrawnInSoftware() ? "layered" : "full"), wanted !== null);
+    this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.detailControl.best);
     this.scene = sceneOf(session);
     this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), this.scene.home(session));
     this.legend = this.scene.colours === "force" ? new Legend() : new Legend(["", ""]);
@@ -102,7 +102,7 @@ class Console {
     this.model.show(session.world.model);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
-      this.target = new TargetPane(session.world.scene, session.world.shapes, this.governor.best);
+      this.target = new TargetPane(session.world.scene, session.world.shapes, this.detailControl.best);
     }
     if (session.feel) this.feel = new FeelPanel(session.feel, (act) => this.command({ ...act, do: "feel" }));
     this.plots = new Plots(this.history, session, this.scene);
@@ -328,7 +328,7 @@ class Console {
     const begun = performance.now();
     if (this.stage.draw(now)) {
       this.drawn++;
-      if (this.governor.frame(now)) this.detail();
+      if (this.detailControl.frame(now)) this.detail();
       keep(this.sceneCosts, performance.now() - begun);
     }
     this.target?.draw(now);
@@ -348,13 +348,13 @@ class Console {
 
   /** Draw as much as there is time for, and say so when that is less than all. */
   private detail(): void {
-    const { level } = this.governor;
+    const { level } = this.detailControl;
     this.stage.level = level;
     if (this.target) this.target.level = level;
     this.plots.every = DETAIL[level].plots;
     const note = at("detail");
     note.hidden = level === "full";
-    write(note, this.governor.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
+    write(note, this.detailControl.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
   }
 
   private updateText(now: number, dead: boolean): void {
@@ -448,7 +448,7 @@ class Console {
         return { scene: median(page.sceneCosts), plots: median(page.plotCosts) };
       },
       get level() {
-        return page.governor.level;
+        return page.detailControl.level;
       },
       get kept() {
         return page.stage.kepts;

@@ -83,7 +83,7 @@ def run_program(
     """
     require_linux("`haptorb exec`")
     from haptorb.serve.native_libraries import lay_out
-    from haptorb.serve.program_check import check_program
+    from haptorb.serve.native_program_check import check_program
 
     check_program(command[0])
     options = ["run", device, "--serve", "native" if scale is None else f"native:{scale!r}", "--driver", driver]

@@ -17,7 +17,21 @@ from typing import Annotated, Any
 
 import typer
 
-from haptorb.cli import calibrate, check, execute, fit, frame, hardware, keys, recording, replay, run, show, train, view
+from haptorb.cli import (
+    calibrate,
+    check,
+    execute,
+    fit_multipole,
+    frame,
+    hardware,
+    keys,
+    recording,
+    replay,
+    run,
+    show,
+    train,
+    view,
+)
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
 from haptorb.files import describe_size_limit
 from haptorb.runtime.linux import Termination, raise_termination
@@ -81,7 +95,21 @@ def _register_missing(point: EntryPoint, missing: ModuleNotFoundError) -> None:
         raise InputError(why)
 
 
-for module in (run, execute, view, show, keys, check, recording, replay, calibrate, frame, fit, train, hardware):
+for module in (
+    run,
+    execute,
+    view,
+    show,
+    keys,
+    check,
+    recording,
+    replay,
+    calibrate,
+    frame,
+    fit_multipole,
+    train,
+    hardware,
+):
     module.register(app)
 for point in entry_points(group="haptorb.commands"):
     try:

@@ -36,7 +36,7 @@ from haptorb_study.data_kind import Kind
 from haptorb_study.database import database, participants, sessions
 from haptorb_study.incidents import Incident, list_incidents
 from haptorb_study.json_values import json_number, to_json
-from haptorb_study.registration import Registration
+from haptorb_study.preregistration import Registration
 from haptorb_study.study_file import Study
 
 __all__ = ["Analysis", "analyse", "analysis_of", "read_plans"]

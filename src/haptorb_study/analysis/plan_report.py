@@ -9,7 +9,7 @@ from typing import Any
 
 from haptorb_study.analysis.comparison import ConditionComparison
 from haptorb_study.analysis_plan import CLAIMS, AnalysisPlan, PlannedTest
-from haptorb_study.registration import Registration
+from haptorb_study.preregistration import Registration
 from haptorb_study.statistics.significance import CORRECTIONS
 from haptorb_study.study_file import Study
 

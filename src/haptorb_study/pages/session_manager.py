@@ -16,11 +16,11 @@ from sqlalchemy.engine import Engine
 from haptorb.errors import HaptorbError, InputError, ServoError
 from haptorb.runtime.servo import Servo
 from haptorb.terminal import notify
-from haptorb_study.codes import next_code
 from haptorb_study.database import list_participants
+from haptorb_study.lsl_streams import Streams
+from haptorb_study.participant_codes import next_code
 from haptorb_study.stop_switch import StopCount, StopSwitch
 from haptorb_study.stored_session import StoredSession
-from haptorb_study.streams import Streams
 from haptorb_study.study_file import Study
 from haptorb_study.trial_device import TrialDevice
 from haptorb_study.trial_runner import OVER, TrialRunner

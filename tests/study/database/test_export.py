@@ -15,11 +15,11 @@ from haptorb.errors import RecordingError
 from haptorb_study.analysis.analysis import analysis_of
 from haptorb_study.analysis.report import page
 from haptorb_study.bids import write_bids
-from haptorb_study.codes import make_labels
 from haptorb_study.columns import COLUMNS, Columns, tidy
 from haptorb_study.database import database
 from haptorb_study.export import export_study
 from haptorb_study.export_table import write_csv, write_parquet
+from haptorb_study.participant_codes import make_labels
 from haptorb_study.prompts import Answer
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of

@@ -10,8 +10,8 @@ import pytest
 
 from haptorb.cli import main
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.copies import back_up, record_copy
 from haptorb_study.database import database
+from haptorb_study.database_copies import back_up, record_copy
 from haptorb_study.export import export_study
 from haptorb_study.merge import Renaming, merge_databases
 from haptorb_study.prompts import Answer

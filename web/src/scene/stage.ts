@@ -13,7 +13,7 @@ import {
 } from "three";
 import { css, onThemeChange } from "../theme";
 import { Backdrop } from "./backdrop";
-import { DETAIL, type Level } from "./governor";
+import { DETAIL, type Level } from "./detail";
 import { Patch } from "./patch";
 import type { Screen } from "./sketch";
 

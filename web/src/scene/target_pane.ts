@@ -3,7 +3,7 @@
 import { at, write } from "../panels/dom";
 import type { Sample, Vector } from "../sample";
 import type { Shape, TargetScene } from "../session";
-import type { Level } from "./governor";
+import type { Level } from "./detail";
 import { Orbit, type Home } from "./orbit";
 import { Shapes } from "./shapes";
 import { Stage } from "./stage";

@@ -1,6 +1,6 @@
 // The experimenter's page: where the session stands, what is asked and answered, what the device did, and the levers.
 
-import { BY_HAND, element, Line, say, show, type About, type Pen, type View } from "./line";
+import { BY_HAND, element, Connection, say, show, type About, type Pen, type View } from "./connection";
 import { draw, describeForce } from "./plan";
 
 interface Trip {
@@ -76,7 +76,7 @@ const tabs = new Map<string, Window | null>();
 const pad = element<HTMLCanvasElement>("pad");
 const code = element<HTMLInputElement>("code");
 
-const line = new Line<Everything>(
+const connection = new Connection<Everything>(
   "ws/experimenter",
   {
     about(facts) {
@@ -314,7 +314,7 @@ function makeReplayLink({ trial, recording }: Row): HTMLElement {
   button.addEventListener("click", () => {
     showMistake("");
     // Now, while it is the person's own wish: browsers let no page open a tab later.
-    if (line.send({ do: "view", trial })) tabs.set(recording, window.open("", "_blank"));
+    if (connection.send({ do: "view", trial })) tabs.set(recording, window.open("", "_blank"));
   });
   cell.append(button);
   return cell;
@@ -331,11 +331,11 @@ const levers: Record<string, string> = { resume: "resume", repeat: "repeat", ski
 for (const [id, command] of Object.entries(levers)) {
   element(id).addEventListener("click", () => {
     showMistake("");
-    line.send({ do: command });
+    connection.send({ do: command });
   });
 }
 function stop(): void {
-  if (!line.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
+  if (!connection.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
 }
 element("stop").addEventListener("click", stop);
 element("abort").addEventListener("click", () => {
@@ -345,12 +345,12 @@ element("abort").addEventListener("click", () => {
 });
 element("abort-sure").addEventListener("click", () => {
   show("abort-sure", false);
-  line.send({ do: "abort" });
+  connection.send({ do: "abort" });
 });
 element("begin").addEventListener("submit", (event) => {
   event.preventDefault();
   showMistake("");
-  line.send({ do: "begin", code: code.value }); // as it was typed: the study refuses what is no code
+  connection.send({ do: "begin", code: code.value }); // as it was typed: the study refuses what is no code
 });
 addEventListener("keydown", (event) => {
   if (event.key === "Escape") stop();

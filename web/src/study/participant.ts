@@ -1,8 +1,8 @@
 // The participant's page: what to do, what is felt where nobody can feel it, and one answer that cannot be mistaken.
 
 import { readDecimal, readWhole } from "../entry";
-import { BY_HAND, element, Line, say, show, type About, type Pen, type Question, type Task, type View } from "./line";
-import { Mask } from "./mask";
+import { BY_HAND, element, Connection, say, show, type About, type Pen, type Question, type Task, type View } from "./connection";
+import { MaskingNoise } from "./masking_noise";
 import { across, draw, describeForce, under } from "./plan";
 
 const STEP = 3; // deg that an arrow key moves the pen
@@ -18,7 +18,7 @@ let view: View = NOBODY;
 let pen: Pen | null = null;
 let aim: { x: number; y: number } | null = null;
 let chosen: number | null = null;
-let mask: Mask | null = null;
+let mask: MaskingNoise | null = null;
 let drawn = ""; // what the answer field shows
 let worded = ""; // what the message shows
 let sent = 0;
@@ -28,10 +28,10 @@ let wrong = ""; // shown until the next key
 const typed = element<HTMLInputElement>("typed");
 const pad = element<HTMLCanvasElement>("pad");
 
-const line = new Line<View>("ws/participant", {
+const connection = new Connection<View>("ws/participant", {
   about(facts) {
     about = facts;
-    mask ??= facts.mask ? new Mask(facts.mask.noise, facts.mask.volume_db) : null;
+    mask ??= facts.mask ? new MaskingNoise(facts.mask.noise, facts.mask.volume_db) : null;
     document.title = facts.study;
     say("study", facts.study);
     show("simulated", facts.simulated);
@@ -148,7 +148,7 @@ function intervals(task: Task): void {
       const button = document.createElement("button");
       button.type = "button";
       button.textContent = `feel ${which}`;
-      button.addEventListener("click", () => line.send({ do: "interval", which }));
+      button.addEventListener("click", () => connection.send({ do: "interval", which }));
       field.append(button);
     }
   }
@@ -165,7 +165,7 @@ function choose(number: number | null, written = false): void {
   say("sure", view.task?.kind === "place" ? "Confirm position" : number === null ? "Answer" : `Answer ${number}`);
   // Not `disabled`: Enter must be able to say what is wrong with the number.
   element("sure").setAttribute("aria-disabled", String(view.task?.kind !== "place" && number === null));
-  line.send({ do: "draft", value: number });
+  connection.send({ do: "draft", value: number });
 }
 
 function isAllowed(number: number): boolean {
@@ -199,7 +199,7 @@ element("confirm").addEventListener("submit", (event) => {
     typed.focus();
     return;
   }
-  line.send({ do: "answer", trial: view.trial, value: view.task?.kind === "place" ? null : chosen });
+  connection.send({ do: "answer", trial: view.trial, value: view.task?.kind === "place" ? null : chosen });
 });
 
 function renderMessage(): void {
@@ -223,12 +223,12 @@ function renderMessage(): void {
     const consent = about?.consent ?? "";
     button(consent ? "I agree: begin" : "Begin", "sure", () => {
       mask?.start();
-      line.send({ do: "agree", agreed: true });
+      connection.send({ do: "agree", agreed: true });
     });
-    if (consent) button("I do not agree", "", () => line.send({ do: "agree", agreed: false }));
+    if (consent) button("I do not agree", "", () => connection.send({ do: "agree", agreed: false }));
   } else if (state === "break") {
     say("message-text", `${view.left ?? 0} s. Rest your hand.`);
-    button("Continue now", "sure", () => line.send({ do: "skip" }));
+    button("Continue now", "sure", () => connection.send({ do: "skip" }));
   } else if (state === "question" && view.question) ask(view.question);
   if (ENDS.includes(state)) mask?.stop();
   say("polite", `${title} ${state === "consent" ? "" : text}`);
@@ -310,7 +310,7 @@ function ask(question: Question): void {
   const form = document.createElement("form");
   form.className = "question";
   form.addEventListener("submit", (event) => event.preventDefault());
-  const reply = (text: string) => line.send({ do: "reply", question: question.name, reply: text });
+  const reply = (text: string) => connection.send({ do: "reply", question: question.name, reply: text });
   if (question.choices.length) {
     for (const choice of question.choices) {
       const made = document.createElement("button");
@@ -348,12 +348,12 @@ function steer(x: number, y: number): void {
   const far = Math.hypot(x, y);
   const scale = far > limit ? limit / far : 1;
   aim = { x: x * scale, y: y * scale };
-  line.send({ do: "steer", ...aim });
+  connection.send({ do: "steer", ...aim });
   paint();
 }
 
 function stop(): void {
-  if (!line.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
+  if (!connection.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
 }
 
 pad.addEventListener("pointerdown", (event) => {
@@ -406,7 +406,7 @@ addEventListener("keydown", (event) => {
     steer((aim?.x ?? pen?.x ?? 0) + arrow[0], (aim?.y ?? pen?.y ?? 0) + arrow[1]);
   } else if (event.key.toLowerCase() === "o" && view.task?.kind === "compare") {
     event.preventDefault();
-    line.send({ do: "interval", which: 3 - (view.which ?? 1) });
+    connection.send({ do: "interval", which: 3 - (view.which ?? 1) });
   } else if (event.key.toLowerCase() === "f" && view.steered && !(event.target === typed && typed.value)) {
     event.preventDefault();
     say("polite", describeForce(pen));

@@ -1,6 +1,6 @@
 // The dome seen from above, +x to the right: distance from the middle is the angle from the top.
 
-import type { Pen, Place } from "./line";
+import type { Pen, Place } from "./connection";
 
 export interface Plan {
   limit: number;

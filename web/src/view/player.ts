@@ -12,7 +12,7 @@ import { Plots } from "../panels/plots";
 import { WorldPanel } from "../panels/world";
 import { Sample } from "../sample";
 import type { DeviceScene, Readings } from "../scene/device_scene";
-import { requestedLevel, DETAIL, Governor } from "../scene/governor";
+import { requestedLevel, DETAIL, DetailControl } from "../scene/detail";
 import { isDrawnInSoftware } from "../scene/graphics";
 import { Drag } from "../scene/drag";
 import { Orbit } from "../scene/orbit";
@@ -45,7 +45,7 @@ class Player {
   private readonly history: History;
   private readonly window: WindowRows;
   private readonly source: RowSource;
-  private readonly governor: Governor;
+  private readonly detailControl: DetailControl;
   private readonly stage: Stage;
   private readonly orbit: Orbit;
   private readonly scene: DeviceScene;
@@ -78,8 +78,8 @@ class Player {
     this.sample = new Sample(session.columns);
     this.history = new History(session.columns);
     const wanted = requestedLevel();
-    this.governor = new Governor(wanted ?? (isDrawnInSoftware() ? "layered" : "full"), wanted !== null);
-    this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.governor.best);
+    this.detailControl = new DetailControl(wanted ?? (isDrawnInSoftware() ? "layered" : "full"), wanted !== null);
+    this.stage = new Stage(at<HTMLCanvasElement>("scene"), this.detailControl.best);
     this.scene = sceneOf(session);
     this.orbit = new Orbit(this.stage.camera, () => this.viewMoved(), this.scene.home(session));
     this.legend = this.scene.colours === "force" ? new Legend() : new Legend(["", ""]);
@@ -89,7 +89,7 @@ class Player {
     this.model = new ModelPanel(session.models, () => undefined);
     if (session.modes.length) {
       this.modes = new ModePanel(() => undefined);
-      this.target = new TargetPane(session.world.scene, session.world.shapes, this.governor.best);
+      this.target = new TargetPane(session.world.scene, session.world.shapes, this.detailControl.best);
     }
     this.plots = new Plots(this.history, session, this.scene);
     this.subject = this.scene.subject(this.stage, session);
@@ -135,7 +135,7 @@ class Player {
         return page.plots.samples;
       },
       get costs() {
-        return { scene: median(page.costs.scene), plots: median(page.costs.plots), level: page.governor.level };
+        return { scene: median(page.costs.scene), plots: median(page.costs.plots), level: page.detailControl.level };
       },
       get heap() {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
@@ -311,7 +311,7 @@ class Player {
     }
     const begun = performance.now();
     if (this.stage.draw(now)) {
-      if (this.governor.frame(now)) this.detail();
+      if (this.detailControl.frame(now)) this.detail();
       keep(this.costs.scene, performance.now() - begun);
     }
     this.target?.draw(now);
@@ -356,13 +356,13 @@ class Player {
   }
 
   private detail(): void {
-    const { level } = this.governor;
+    const { level } = this.detailControl;
     this.stage.level = level;
     if (this.target) this.target.level = level;
     this.plots.every = DETAIL[level].plots;
     const note = at("detail");
     note.hidden = level === "full";
-    write(note, this.governor.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
+    write(note, this.detailControl.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
   }
 
   private viewMoved(): void {

@@ -88,7 +88,7 @@ export interface Handlers<V extends View> {
 
 const AGAIN = 1000; // ms
 
-export class Line<V extends View> {
+export class Connection<V extends View> {
   private socket: WebSocket | null = null;
 
   constructor(

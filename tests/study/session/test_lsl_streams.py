@@ -15,8 +15,8 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.recording.row import RowLayout
 from haptorb_study.database import database
+from haptorb_study.lsl_streams import Streams, open_streams
 from haptorb_study.stored_session import StoredSession
-from haptorb_study.streams import Streams, open_streams
 from haptorb_study.study_file import Study
 from haptorb_study.trial_device import TrialDevice
 from haptorb_study.trial_runner import TrialRunner
@@ -125,7 +125,7 @@ INLET = """
 import json
 import numpy as np
 import pylsl
-from haptorb_study.streams import MARKERS, POSE, open_streams
+from haptorb_study.lsl_streams import MARKERS, POSE, open_streams
 from haptorb.devices.loader import load
 from haptorb.recording.row import RowLayout
 

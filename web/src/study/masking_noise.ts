@@ -2,7 +2,7 @@
 
 const SECONDS = 8; // of noise, repeated: long enough that nobody handlers the repetition
 
-export class Mask {
+export class MaskingNoise {
   private context: AudioContext | null = null;
   private loudness: GainNode | null = null;
 

@@ -18,8 +18,8 @@ from haptorb_study.analysis.analysis import Analysis, analysis_of
 from haptorb_study.analysis.report import page
 from haptorb_study.analysis.tables import print_summary
 from haptorb_study.database import database
+from haptorb_study.preregistration import read_registration, write_registration
 from haptorb_study.prompts import Answer
-from haptorb_study.registration import read_registration, write_registration
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
 

@@ -35,7 +35,7 @@ export function requestedLevel(): Level | null {
   return LEVELS.find((level) => level === word) ?? null;
 }
 
-export class Governor {
+export class DetailControl {
   private at: number;
   private paces: number[] = [];
   private last = -Infinity;
