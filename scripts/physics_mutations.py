@@ -94,8 +94,8 @@ MUTATIONS = (
     # heat and current
     Mutation("thermal.py", "TwoNode._system", "middle", 1.1, (_Z3,)),
     Mutation("thermal.py", "TwoNode.steady_rise", "body", 1.1, (_Z3,)),
-    Mutation("simulation/parts.py", "_drive", "square", 1.1, (_Z3, _P)),
-    Mutation("simulation/parts.py", "_drive", "end", 1.1, (_P, _HW)),
+    Mutation("simulation/coil_circuits.py", "_drive", "square", 1.1, (_Z3, _P)),
+    Mutation("simulation/coil_circuits.py", "_drive", "end", 1.1, (_P, _HW)),
     Mutation("control/drive.py", "choose_duties", "aim", 1.1, (_Z3,)),
     Mutation("control/drive.py", "choose_duties", "largest#1", 1.1, (_Z3,)),
     Mutation("control/drive.py", "_learn_resistance", "volts", 1.1, (_Z3,)),

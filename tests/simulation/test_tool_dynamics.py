@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from haptorb.simulation.tool_dynamics import GRAVITY, TOOL, contact, fill_remaining_rotation, matrix, move
+from haptorb.simulation.surface_contact import contact
+from haptorb.simulation.tool_dynamics import GRAVITY, TOOL, fill_remaining_rotation, matrix, move
 
 MASS, TIP, TAIL = 0.026, 0.02, 0.012
 WEIGHT = MASS * GRAVITY

@@ -17,7 +17,8 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.estimation.motor_orientation import spin_period
 from haptorb.estimation.network import TrainedNetworks
 from haptorb.notebook import NotebookReport
-from haptorb.simulation.parts import FAILURES, make_halls, read_halls, seed_noise
+from haptorb.simulation.hall_sensors import FAILURES, make_halls, read_halls
+from haptorb.simulation.noise_generator import seed_noise
 from haptorb_papers.estimators.contestants import EstimatorOutput, collect_outputs, make_estimators
 
 __all__ = [

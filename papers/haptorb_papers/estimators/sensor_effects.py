@@ -21,7 +21,8 @@ from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.notebook import NotebookReport
-from haptorb.simulation.parts import FAILURES, make_halls, read_halls, seed_noise
+from haptorb.simulation.hall_sensors import FAILURES, make_halls, read_halls
+from haptorb.simulation.noise_generator import seed_noise
 from haptorb_papers.estimators.comparison import ASKED, TORQUE_JND, orientation_gaps, torque_error
 from haptorb_papers.estimators.contestants import collect_outputs
 

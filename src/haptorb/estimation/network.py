@@ -399,7 +399,7 @@ def _are_equal(one: Array, other: Array) -> bool:
 #
 # tanh x = 1 − 2/(e²ˣ + 1), with e²ˣ = 2ᵏ eʳ, k an integer and |r| ≤ ½ ln 2, and a polynomial for eʳ. Absolute error of
 # a few 10⁻¹⁶; not relative to small values, which a sum over nodes does not need. The simulation's noise has its own
-# series (`simulation.parts`) for logarithm, sine and cosine, so that no code is shared.
+# series (`simulation.noise_generator`) for logarithm, sine and cosine, so that no code is shared.
 
 
 _MAX_ARGUMENT = 20.0  #: argument above which tanh is one in double precision

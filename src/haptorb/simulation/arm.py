@@ -22,8 +22,9 @@ from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
 from haptorb.simulation.coil_array import quantise_reading
+from haptorb.simulation.coil_circuits import coil_step, cold_coils
 from haptorb.simulation.gripper import SimulatedGripper
-from haptorb.simulation.parts import coil_step, cold_coils, seed_noise
+from haptorb.simulation.noise_generator import seed_noise
 from haptorb.simulation.tool_dynamics import GRIP, fill_remaining_rotation, matrix, set_goal
 
 __all__ = ["ARM", "SimulatedArm", "advance_arm"]

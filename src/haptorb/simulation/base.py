@@ -12,8 +12,8 @@ from haptorb.arrays import Array, Records
 from haptorb.devices.base import Device, State
 from haptorb.errors import InputError
 from haptorb.estimation.types import Sample
+from haptorb.simulation.coil_circuits import chop
 from haptorb.simulation.gripper import SimulatedGripper
-from haptorb.simulation.parts import chop
 
 __all__ = ["CoilSimulation", "Simulation"]
 

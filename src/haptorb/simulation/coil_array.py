@@ -26,18 +26,19 @@ from haptorb.simulation.coil_array_specimen import (
     fill_array_truth,
     make_array_truth,
 )
-from haptorb.simulation.parts import coil_step, cold_coils, find_share, is_elsewhere, seed_noise
+from haptorb.simulation.coil_circuits import coil_step, cold_coils
+from haptorb.simulation.noise_generator import seed_noise
+from haptorb.simulation.surface_contact import contact, plate_contact
 from haptorb.simulation.tool_dynamics import (
     TOOL,
-    contact,
     fill_remaining_rotation,
     fill_tool,
     matrix,
     move,
-    plate_contact,
     read_tool,
     set_goal,
 )
+from haptorb.simulation.wrench_map_extrapolation import find_share, is_elsewhere
 
 __all__ = ["COIL_ARRAY", "SimulatedCoilArray", "advance_array"]
 

@@ -27,28 +27,19 @@ from haptorb.magnetics.dipole import point_field
 from haptorb.magnetics.magnets import ChargedRing, charge_field
 from haptorb.magnetics.soft_sphere import add_induced_field
 from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.coil_circuits import cold_coils, network_coil_step
 from haptorb.simulation.electromagnet_specimen import (
     ElectromagnetSpecimen,
     Steel,
     draw_electromagnet,
     fill_truth,
 )
+from haptorb.simulation.hall_sensors import let_fail, make_halls, quantise, read_halls
 from haptorb.simulation.magnetic_core import CORE, core_step, make_core
-from haptorb.simulation.parts import (
-    cold_coils,
-    fill_normal,
-    find_share,
-    is_elsewhere,
-    let_fail,
-    make_halls,
-    network_coil_step,
-    quantise,
-    read_halls,
-    seed_noise,
-)
+from haptorb.simulation.noise_generator import fill_normal, seed_noise
+from haptorb.simulation.surface_contact import contact
 from haptorb.simulation.tool_dynamics import (
     TOOL,
-    contact,
     fill_remaining_rotation,
     fill_tool,
     matrix,
@@ -56,6 +47,7 @@ from haptorb.simulation.tool_dynamics import (
     read_tool,
     set_goal,
 )
+from haptorb.simulation.wrench_map_extrapolation import find_share, is_elsewhere
 from haptorb.thermal import ThermalNetwork
 
 __all__ = [
@@ -78,7 +70,7 @@ __all__ = [
 #
 # The field at a Hall sensor is that of coils and core (`coil_fields`), of the dipole of eddy currents and remanence,
 # of the tool's ring as charges on its faces, and of the core's response to the ring, at the sensor's true position.
-# `simulation.parts` models the sensor itself; every reading has normal noise and its converter's step.
+# `simulation.hall_sensors` models the sensor itself; every reading has normal noise and its converter's step.
 
 
 #: Accuracy of the current and temperature sensors, standard deviation and step; generator of all noise.

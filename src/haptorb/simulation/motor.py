@@ -28,6 +28,8 @@ from haptorb.devices.weight_regulator import torque_over_sine
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 from haptorb.simulation.base import CoilSimulation
+from haptorb.simulation.coil_circuits import coil_step, cold_coils
+from haptorb.simulation.hall_sensors import let_fail, make_halls, quantise, read_halls
 from haptorb.simulation.motor_specimen import (
     MotorTruth,
     draw_motor,
@@ -36,16 +38,7 @@ from haptorb.simulation.motor_specimen import (
     pack_truth,
     unpack_truth,
 )
-from haptorb.simulation.parts import (
-    coil_step,
-    cold_coils,
-    fill_normal,
-    let_fail,
-    make_halls,
-    quantise,
-    read_halls,
-    seed_noise,
-)
+from haptorb.simulation.noise_generator import fill_normal, seed_noise
 from haptorb.simulation.tool_dynamics import fill_remaining_rotation, matrix
 
 __all__ = [

@@ -18,7 +18,7 @@ from haptorb.control.guard import make_coils, make_state
 from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.errors import InputError
-from haptorb.simulation.parts import chop, coil_step, cold_coils
+from haptorb.simulation.coil_circuits import chop, coil_step, cold_coils
 from haptorb_papers.reproduce.item import Item
 
 __all__ = ["Drive", "DriveCourse", "drive_course", "items"]

@@ -10,7 +10,7 @@ from haptorb.devices.loader import load
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0
-from haptorb.simulation.parts import coil_step, cold_coils
+from haptorb.simulation.coil_circuits import coil_step, cold_coils
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import read_entry
 from haptorb_papers.reproduce.item import Item

@@ -21,8 +21,8 @@ from haptorb.devices.base import Device
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.errors import InputError
 from haptorb.estimation.heat_calibration import HeatRecord, NetworkIdentification, coil_identification
+from haptorb.simulation.coil_circuits import cold_coils, network_coil_step
 from haptorb.simulation.electromagnet import COILS, NODES, fill_step
-from haptorb.simulation.parts import cold_coils, network_coil_step
 from haptorb_papers.reproduce.item import Item
 
 __all__ = ["ThermalCourse", "heating_course", "items"]

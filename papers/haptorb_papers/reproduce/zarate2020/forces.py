@@ -11,7 +11,7 @@ from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0
-from haptorb.simulation.parts import coil_step, cold_coils
+from haptorb.simulation.coil_circuits import coil_step, cold_coils
 from haptorb.thermal import single_time_constant
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import read_entry

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from haptorb.devices.loader import load
+from haptorb.simulation.coil_circuits import chop, coil_step, cold_coils, network_coil_step
 from haptorb.simulation.electromagnet import COILS, NODES, draw_network, fill_step
-from haptorb.simulation.parts import chop, coil_step, cold_coils, network_coil_step
 
 OMNI = load("omni")
 _H = OMNI.coils.heat

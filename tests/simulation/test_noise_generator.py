@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from haptorb.errors import InputError
-from haptorb.simulation.parts import fill_normal, quantise, seed_noise
+from haptorb.simulation.hall_sensors import quantise
+from haptorb.simulation.noise_generator import fill_normal, seed_noise
 
 
 def test_it_is_standard_normal_and_white():
