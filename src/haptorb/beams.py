@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.arrays import Array, check_finite
+from haptorb.arrays import Array, check_finite, gauss_legendre
 from haptorb.errors import GeometryError, InputError, UnknownName, quote
 
 __all__ = [
@@ -212,7 +212,7 @@ Model = Literal["paper", "timoshenko"]
 MODELS: tuple[Model, ...] = ("paper", "timoshenko")
 SHEAR_COEFFICIENT = 1.2  #: p of eq. (12): a rectangular section
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+_NODES, _WEIGHTS = gauss_legendre(40)
 
 
 class Compliance(NamedTuple):

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.compiled import kernel
 from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.tables import PairTable, expand_discs, expand_loops, tabulate_slopes, tabulate_values
@@ -162,7 +162,7 @@ def _tabulate_pair(device: SphericalMotor, layers: int) -> PairTable:
     for step in _EDGE_STEP_M * np.eye(3):
         larger, smaller = (Coil(coil.turns, *(np.array(sizes) + way * step).tolist()) for way in (1, -1))
         edges.append((expand(larger) - expand(smaller)) / (2 * _EDGE_STEP_M))
-    nodes, weights = np.polynomial.legendre.leggauss(_ALONG)
+    nodes, weights = gauss_legendre(_ALONG)
     heights, depth = (away + 0.5 * coil.length * nodes) / unit, coil.outer_radius - coil.inner_radius
     turns = [
         expand_loops(np.full(_ALONG, (coil.inner_radius + depth * share) / unit), heights, 0.5 * weights, terms)

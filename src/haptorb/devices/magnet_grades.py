@@ -13,7 +13,7 @@ from typing import Annotated, Literal, final
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.devices import quantity as q
 from haptorb.devices.build_checks import BuildCheck, format_bound
 from haptorb.devices.schema import Form, Meaning, Positive, Without
@@ -122,7 +122,7 @@ def own_field(magnet: CylinderMagnet | RingMagnet) -> float:
 @cache
 def _list_nodes() -> tuple[Array, Array]:
     """Gauss's points and weights around the axis: computed once, because they take as long as the rest of a check."""
-    nodes, weights = np.polynomial.legendre.leggauss(_TURN)
+    nodes, weights = gauss_legendre(_TURN)
     return nodes, weights
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptorb.arrays import Array, check_finite, vectors
+from haptorb.arrays import Array, check_finite, gauss_legendre, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics import source
@@ -40,8 +40,8 @@ __all__ = [
 
 _MAX_DEPTH = 48  #: maximum depth of bisection of one interval of the wall's thickness
 _MAX_INTERVALS = 1000  #: maximum number of intervals for one point
-_COARSE_X, _COARSE_W = np.polynomial.legendre.leggauss(8)
-_FINE_X, _FINE_W = np.polynomial.legendre.leggauss(13)
+_COARSE_X, _COARSE_W = gauss_legendre(8)
+_FINE_X, _FINE_W = gauss_legendre(13)
 
 
 @kernel
@@ -162,7 +162,7 @@ COPPER_RESISTIVITY = 1.7241e-8  #: annealed copper at 293 K (IEC 60028) [Ω·m]
 COPPER_DENSITY = 8.89e3  #: annealed copper at 293 K (IEC 60028) [kg/m³]
 COPPER_SPECIFIC_HEAT = 385.0  #: at 298 K [J/(kg·K)]
 
-_SERIES_X, _SERIES_W = np.polynomial.legendre.leggauss(17)
+_SERIES_X, _SERIES_W = gauss_legendre(17)
 
 
 @final
@@ -219,8 +219,6 @@ class Coil(RoundBody):
         self.precision = _relative(precision)
         self._density = MU0 * self.turns / (self.length * (self.outer_radius - self.inner_radius))
         self._shape = np.array([self.inner_radius, self.outer_radius, 0.5 * self.length])
-        middle, half = 0.5 * (self.outer_radius + self.inner_radius), 0.5 * (self.outer_radius - self.inner_radius)
-        self._series = coefficients(middle + half * _SERIES_X, 0.5 * self.length, self._density * half * _SERIES_W)
         self._far2 = (FAR * self.bounding_radius) ** 2
 
     def __repr__(self) -> str:
@@ -265,8 +263,8 @@ class Coil(RoundBody):
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
         """The winding as `across` × `along` loops at Gauss points: radii [m], heights [m], turns."""
-        x, u = np.polynomial.legendre.leggauss(across)
-        y, v = np.polynomial.legendre.leggauss(along)
+        x, u = gauss_legendre(across)
+        y, v = gauss_legendre(along)
         middle, half = 0.5 * (self.outer_radius + self.inner_radius), 0.5 * (self.outer_radius - self.inner_radius)
         turns = 0.25 * self.turns * np.outer(u, v).ravel()
         return np.repeat(middle + half * x, along), np.tile(0.5 * self.length * y, across), turns
@@ -298,6 +296,12 @@ class Coil(RoundBody):
         1.6994
         """
         return self.turns**2 * _inductance_of_one_turn(self.inner_radius, self.outer_radius, self.length)
+
+    @cached_property
+    def _series(self) -> Array:
+        """`far_series`, when it is needed: a simulated winding is a coil for each of its layers, seen from nearby."""
+        middle, half = 0.5 * (self.outer_radius + self.inner_radius), 0.5 * (self.outer_radius - self.inner_radius)
+        return coefficients(middle + half * _SERIES_X, 0.5 * self.length, self._density * half * _SERIES_W)
 
     @property
     def _section(self) -> float:
@@ -388,7 +392,7 @@ def _bessel(order: int, x: Array) -> Array:
 def _inductance_of_one_turn(ri: float, ro: float, l: float) -> float:
     """L/N² [H] of a winding of inner and outer radius and length [m]; see `Coil.inductance`."""
     edges = np.concatenate([np.linspace(0, 1500 / ro, 1501)])
-    x, w = np.polynomial.legendre.leggauss(6)
+    x, w = gauss_legendre(6)
     half = 0.5 * np.diff(edges)[:, None]
     k = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * x).ravel()
     weight = (half * w).ravel()
@@ -567,7 +571,8 @@ def _list_slopes(c: Array, order: int) -> Array:
     value, before = np.asarray(c), np.ones_like(c)
     out[1] = 1.0
     for degree in range(2, order + 1):  # P_l' = c P_(l−1)' + l P_(l−1)
-        out[degree] = c * out[degree - 1] + degree * value
+        np.multiply(c, out[degree - 1], out=out[degree, ...])
+        out[degree] += degree * value
         value, before = ((2 * degree - 1) * c * value - (degree - 1) * before) / degree, value
     return out
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.compiled import kernel
 from haptorb.magnetics.elliptic_integrals import integrals, third_kind
 
@@ -97,7 +97,7 @@ def sheet_gradient(a: float, h: float, rho: float, z: float) -> tuple[float, flo
 
 FAR = 4.0  #: bounding radii from which the series is used
 _ZONAL_TERMS = 16
-_ZONAL_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(_ZONAL_TERMS + 1)
+_ZONAL_NODES, _WEIGHTS = gauss_legendre(_ZONAL_TERMS + 1)
 
 
 def coefficients(radii: Array, half: float, densities: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptorb.arrays import Array, check_finite, rotation, vectors
+from haptorb.arrays import Array, check_finite, gauss_legendre, rotation, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics import source
@@ -85,7 +85,7 @@ class CylinderMagnet(RoundBody):
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
         """The bound current M on the side wall as `along` loops: radii [m], heights [m], currents [A]."""
-        nodes, weights = np.polynomial.legendre.leggauss(along)
+        nodes, weights = gauss_legendre(along)
         currents = self.polarization / MU0 * 0.5 * self.length * weights
         return np.full(along, self.radius), 0.5 * self.length * nodes, currents
 
@@ -163,7 +163,7 @@ class RingMagnet(RoundBody):
 
         Three arrays (loops,).
         """
-        nodes, weights = np.polynomial.legendre.leggauss(along)
+        nodes, weights = gauss_legendre(along)
         currents = self.polarization / MU0 * 0.5 * self.length * weights
         radii = np.repeat([self.outer_radius, self.inner_radius], along)
         return radii, np.tile(0.5 * self.length * nodes, 2), np.concatenate([currents, -currents])
@@ -288,7 +288,7 @@ class ChargedRing(Source):
             raise InputError(f"a face needs at least 1 radial node and 3 azimuth steps; got {radial} and {azimuth}")
         self.outer_radius, self.inner_radius, self.length = float(outer_radius), float(inner_radius), float(length)
         self.remanence = float(remanence)
-        node, weight = np.polynomial.legendre.leggauss(radial)
+        node, weight = gauss_legendre(radial)
         inner, outer = self.inner_radius**2, self.outer_radius**2
         rho = np.sqrt(inner + (outer - inner) * (node + 1) / 2)
         face = np.pi * (outer - inner)

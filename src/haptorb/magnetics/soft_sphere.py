@@ -19,7 +19,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.arrays import Array, check_finite, vectors
+from haptorb.arrays import Array, check_finite, gauss_legendre, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics.dipole import MU0
@@ -369,7 +369,7 @@ def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     >>> bool(abs(answer[1, 0] - 1e-7 * moment / 0.02**2) < 1e-9 * answer[1, 0])
     True
     """
-    cosine, weight = np.polynomial.legendre.leggauss(2 * order + 8)
+    cosine, weight = gauss_legendre(2 * order + 8)
     steps = 4 * order + 16
     angle = 2 * np.pi * (np.arange(steps) + 0.5) / steps
     sine = np.sqrt(1 - cosine**2)[:, None]

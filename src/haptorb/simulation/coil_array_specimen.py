@@ -15,7 +15,7 @@ from zlib import crc32
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.compiled import kernel
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.coil_array import ArrayMover, BuildTolerance, CoilArray
@@ -167,7 +167,7 @@ def _flow_around(tool: ArrayMover) -> tuple[Array, Array, Array]:
         for along, around in _RULES:
             starts.append(count)
             share = 0.5 * magnet.length / np.hypot(magnet.outer_radius, 0.5 * magnet.length)
-            node, weight = np.polynomial.legendre.leggauss(int(np.ceil(along * share)))
+            node, weight = gauss_legendre(int(np.ceil(along * share)))
             angle = 2 * np.pi * (np.arange(around) + 0.5) / around
             for radius, sense in ((magnet.outer_radius, 1.0), (magnet.inner_radius, -1.0)):
                 if radius == 0.0:

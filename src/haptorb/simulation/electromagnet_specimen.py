@@ -16,7 +16,7 @@ from zlib import crc32
 import numpy as np
 from scipy.special import elliprd
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.compiled import kernel
 from haptorb.devices.coil_array_wrench_map import place_charges
 from haptorb.devices.electromagnet import SphericalElectromagnet
@@ -158,7 +158,7 @@ class ElectromagnetSpecimen:
         if not self.layers:
             return coil.filaments(across, along)
         node, weight = find_gauss_points(self.layers[number], across)
-        height, share = np.polynomial.legendre.leggauss(along)
+        height, share = gauss_legendre(along)
         radii = coil.inner_radius + node * (coil.outer_radius - coil.inner_radius)
         turns = 0.5 * coil.turns * np.outer(weight, share).ravel()
         return np.repeat(radii, along), np.tile(0.5 * coil.length * height, across), turns
@@ -367,7 +367,7 @@ def find_gauss_points(layers: Array, count: int) -> tuple[Array, Array]:
     >>> bool(abs(weight @ at - (20 * 0.25 + 22 * 0.75) / 42) < 1e-12)
     True
     """
-    node, share = np.polynomial.legendre.leggauss(count + 1)
+    node, share = gauss_legendre(count + 1)
     x = ((np.arange(len(layers))[:, None] + 0.5 + 0.5 * node) / len(layers)).ravel()
     w = np.outer(layers / layers.sum(), 0.5 * share).ravel()
     diagonal, beside = np.zeros(count), np.zeros(count)

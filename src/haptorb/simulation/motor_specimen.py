@@ -25,7 +25,7 @@ from zlib import crc32
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.motor import SphericalMotor
@@ -225,7 +225,7 @@ def _list_angles() -> Array:
 
 def _charge_half_faces(magnet: CylinderMagnet, across: int, around: int) -> Array:
     """(4, n) charges on the half of both faces at y > 0, twice as strong, in the magnet's own frame [m, A·m]."""
-    node, weight = np.polynomial.legendre.leggauss(across)
+    node, weight = gauss_legendre(across)
     radius = 0.5 * magnet.radius * (1 + node)
     charge = magnet.polarization / MU0 * radius * 0.5 * magnet.radius * weight * 2 * np.pi / around
     angle = np.pi * (np.arange(around) + 0.5) / around

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptorb.arrays import gauss_legendre
 from haptorb.devices.base import State
 from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
 from haptorb.devices.loader import load
@@ -85,7 +86,7 @@ def items(report: Report) -> tuple[tuple[Item, ...], None]:
 def _pull_by_images(device: SphericalElectromagnet, d: float = 0.05) -> float:
     """[mN] of the core on the tool at `d` [m]: each charge of the ring's faces has −q a/s at a²/s and q a/s within."""
     tool, a = device.tool, device.core_radius
-    nodes, weights = np.polynomial.legendre.leggauss(8)
+    nodes, weights = gauss_legendre(8)
     squares = 0.5 * (tool.outer_radius**2 + tool.inner_radius**2) + 0.5 * nodes * (
         tool.outer_radius**2 - tool.inner_radius**2
     )

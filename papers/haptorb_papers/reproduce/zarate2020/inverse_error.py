@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.control.allocation import LeastSquaresAllocator
 from haptorb.devices.base import State
 from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, electromagnet
@@ -70,7 +70,7 @@ def compute_second_wrench(device: SphericalElectromagnet, state: State) -> Secon
 def _wall_currents(device: SphericalElectromagnet, state: State) -> tuple[Array, Array]:
     """Points (n, 3) [m] on both walls and I dl (n, 3) [A·m] there, stator frame."""
     tool = device.tool
-    node, weight = np.polynomial.legendre.leggauss(_ALONG)
+    node, weight = gauss_legendre(_ALONG)
     height, current = 0.5 * tool.length * node, 0.5 * tool.length * weight * tool.remanence / _MU0
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
     points, elements = [], []
@@ -85,7 +85,7 @@ def _wall_currents(device: SphericalElectromagnet, state: State) -> tuple[Array,
 def _core_images(device: SphericalElectromagnet, state: State) -> tuple[Array, Array]:
     """Places (n, 3) [m] and charges (n,) [A·m] of the images in the core of what is on the magnet's faces."""
     tool, a, mu = device.tool, device.core_radius, device.core_permeability
-    node, weight = np.polynomial.legendre.leggauss(_ACROSS)
+    node, weight = gauss_legendre(_ACROSS)
     middle, half = 0.5 * (tool.outer_radius + tool.inner_radius), 0.5 * (tool.outer_radius - tool.inner_radius)
     rho, angle = middle + half * node, 2 * np.pi * (np.arange(_AROUND) + 0.5) / _AROUND
     charge = np.repeat(half * weight * rho, _AROUND) * 2 * np.pi / _AROUND * tool.remanence / _MU0

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ellipe, ellipk
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, gauss_legendre
 from haptorb.devices.electromagnet import SphericalElectromagnet
 
 __all__ = ["charge_field", "compute_coil_fields", "list_loops", "loop_field", "make_coil", "spread_points"]
@@ -101,7 +101,7 @@ def make_coil(inner: float, outer: float, length: float, turns: float, core: flo
     charges = np.linalg.lstsq(matrix, wanted, rcond=1e-12)[0]
     if np.linalg.norm(matrix @ charges - wanted) > 1e-2 * np.linalg.norm(own):
         raise ValueError("no charges make a field that is continuous at the core")
-    node, weight = np.polynomial.legendre.leggauss(4)
+    node, weight = gauss_legendre(4)
     loops = list_loops(inner, outer, length, turns, node, weight / 2)
     return MadeCoil(*loops, charges[:_CHARGES], within)
 
