@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,8 @@ from haptorb import cluster
 from haptorb.cluster import check_versions, count_cores, list_versions, open_cluster, run_jobs
 from haptorb.errors import InputError
 
-distributed = pytest.importorskip("distributed")
+# Importing it takes most of a second, in every process that collects tests.
+pytestmark = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere at all", "nowhere", "ftp://127.0.0.1:9"])
@@ -26,6 +28,8 @@ def test_a_scheduler_that_is_not_there_is_told_in_one_line(address: str, monkeyp
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_without_workers_says_how_to_start_some() -> None:
+    import distributed
+
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0") as made,
         pytest.raises(InputError, match=f"dask worker {made.scheduler_address}"),

@@ -73,9 +73,9 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_crafted_files_do_nothing_in_the_commands(ground: tuple[Path, Path]) -> None:
-    """A twentieth of them; `python tests/fuzz/hostile_files.py --only crafted` tries all."""
+    """A fortieth of them; `python tests/fuzz/hostile_files.py --only crafted` tries all."""
     inside, outside = ground
-    found = try_files(list(craft_files(inside, outside))[::20], inside, outside)
+    found = try_files(list(craft_files(inside, outside))[::40], inside, outside)
     assert found.wrong == []
     assert found.refused > 5
 
@@ -106,7 +106,7 @@ def test_a_database_with_any_page_damaged_is_read_or_refused(ground: tuple[Path,
     for kind in (FileKind.STUDY_DATABASE, FileKind.RESULTS):
         good = (inside / NAMES[kind]).read_bytes()
         page = int.from_bytes(good[16:18], "big")
-        places = range(page, len(good), page * repetitions(6, 1))  # every sixth page; every page at night
+        places = range(page, len(good), page * repetitions(12, 1))  # every twelfth page; every page at night
         damaged = [good.replace(b"CREATE TABLE ", b"CREATE TABLE \xff", 1), good.replace(b"INTEGER", b"\xff\xfeTEGER")]
         damaged += [good[:at] + b"\xff" * 64 + good[at + 64 :] for at in places]
         damaged += [good[:at] + bytes(page) + good[at + page :] for at in places]

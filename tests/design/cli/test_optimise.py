@@ -67,9 +67,14 @@ def design(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "toy.toml"
 
 
-def start(design: Path, into: str, *, seed: int = 1, processes: int = 1, count: int = COUNT) -> subprocess.Popen[str]:
-    command = ["design", "optimise", str(design), "--evaluations", str(count), "--population", str(POPULATION),
-               "--seed", str(seed), "--into", into, "--processes", str(processes), "--json"]  # fmt: skip
+def words_of(design: Path, into: str, *, seed: int = 1, processes: int = 1) -> list[str]:
+    """The command."""
+    return ["design", "optimise", str(design), "--evaluations", str(COUNT), "--population", str(POPULATION),
+            "--seed", str(seed), "--into", into, "--processes", str(processes), "--json"]  # fmt: skip
+
+
+def start(design: Path, into: str, *, seed: int = 1, processes: int = 1) -> subprocess.Popen[str]:
+    command = words_of(design, into, seed=seed, processes=processes)
     program = "import sys; from haptorb.cli import main; sys.exit(main(sys.argv[1:]))"
     return subprocess.Popen(
         [sys.executable, "-c", program, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -105,7 +110,7 @@ def wait_for(into: str, least: int) -> int:
 
 @pytest.mark.parametrize("interrupted", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_interrupted_and_killed_it_goes_on_and_ends_as_if_nothing_had_been(
-    design: Path, tmp_path: Path, interrupted: bool
+    design: Path, tmp_path: Path, interrupted: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An interruption is that of every search: test_sweep.py has one in each run of the tests."""
     into, slowly = str(tmp_path / "results.sqlite"), design.with_name("slowly")
@@ -125,9 +130,8 @@ def test_interrupted_and_killed_it_goes_on_and_ends_as_if_nothing_had_been(
         second.kill()
     assert kept + 10 <= len(read_results(into).evaluations) < COUNT
     slowly.unlink()
-    with start(design, into) as third:
-        told, said = third.communicate(timeout=120)
-    assert third.returncode == 0, said
+    code, told, said = run_command(capsys, *words_of(design, into))
+    assert code == 0, said
     assert json.loads(told)["designs"] == COUNT
     assert values_of(read_results(into)) == compute_alone(design)
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,11 @@ from haptorb_design.store import read_results
 from haptorb_design.workers import Job, LocalWorker, open_cluster_workers
 from oracles.designs.small_design import BARE
 
-distributed = pytest.importorskip("distributed")
-pytestmark = pytest.mark.filterwarnings("ignore")  # of the cluster's own sockets and loops
+pytestmark = [
+    pytest.mark.filterwarnings("ignore"),  # of the cluster's own sockets and loops
+    # Importing it takes most of a second, in every process that collects tests.
+    pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed"),
+]
 
 COUNT, POPULATION = 60, 20
 TOY = """
@@ -73,6 +77,8 @@ def design(tmp_path_factory: pytest.TempPathFactory) -> Design:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
+    import distributed
+
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0
     ) as made:
