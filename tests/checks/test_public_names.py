@@ -52,7 +52,13 @@ def modules() -> list[ModuleType]:
     ]
 
 
-def callables(module: ModuleType) -> Iterator[tuple[str, Any, str]]:
+@cache
+def callables(module: ModuleType) -> tuple[tuple[str, Any, str], ...]:
+    """What `find_callables` finds."""
+    return tuple(find_callables(module))
+
+
+def find_callables(module: ModuleType) -> Iterator[tuple[str, Any, str]]:
     """(name, function, docstring that must tell) of what a module declares: functions, methods, constructors."""
     for name in getattr(module, "__all__", ()):
         thing = getattr(module, name)

@@ -13,6 +13,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.simulation.base import Simulation
+from oracles.repetitions import repetitions
 
 OMNI = load("omni")
 PERIOD = 1e-3
@@ -73,7 +74,7 @@ def counting(goal=None, seed=0):
     return SimDriver(simulation, PERIOD, goal, seed=seed), simulation
 
 
-@settings(max_examples=30)
+@settings(max_examples=repetitions(12, 30))
 @given(st.lists(st.floats(0.0, 4.3e-3), min_size=1, max_size=40))
 def test_simulated_time_is_whole_periods_and_does_not_drift(gaps):
     driver, simulation = counting()
