@@ -38,7 +38,8 @@ CALLS: tuple[tuple[str, list[str]], ...] = (
     ("realtime and browser", IN_TWOS),
     ("not realtime", SHARED),
 )
-#: what both processors do before all calls; each is a list of programs, one after the other
+#: what both processors do before all calls; each is a list of programs, one after the other. The calls beside a clock
+#: begin after the first, the one in the background after the second, which takes less time.
 COLLECT = [*PYTEST, "--collect-only", "-qq", "-m", CALLS[-1][0]]
 COMPILE = [sys.executable, str(Path(__file__).with_name("compile_kernels.py"))]
 PREPARATIONS = ([[*COMPILE, "omni", "planar"]], [COLLECT, [*COMPILE, "pmsm"]])
@@ -76,7 +77,7 @@ def start_pytest(arguments: list[str]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdout=subprocess.PIPE)
 
 
-def prepare() -> None:
+def start_preparing() -> list[threading.Thread]:
     """Fill the caches of numba and Python. What fails here fails in a test, too, and is reported there."""
 
     def run(programs: list[list[str]]) -> None:
@@ -87,8 +88,7 @@ def prepare() -> None:
     threads = [threading.Thread(target=run, args=[programs]) for programs in PREPARATIONS]
     for thread in threads:
         thread.start()
-    for thread in threads:
-        thread.join()
+    return threads
 
 
 def wants_all(words: list[str]) -> bool:
@@ -138,10 +138,13 @@ def main(words: list[str]) -> int:
     if words[:1] == ["--markers"]:
         markers, words = f" and ({words[1]})", words[2:]
     start = time.monotonic()
-    if wants_all(words):
-        prepare()
+    threads = start_preparing() if wants_all(words) else []
     *calls, last = (["-m", which + markers, *how, *words] for which, how in CALLS)
+    for thread in threads[1:]:
+        thread.join()
     with run_in_the_background(last) as background:
+        for thread in threads[:1]:
+            thread.join()
         outcomes = [show_pytest(start_pytest(call)) for call in calls]
         outcomes.append(show_pytest(background))
     counts = sum((counted for _, counted in outcomes), Counter[str]())

@@ -126,31 +126,39 @@ def _read(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_collect_file(file_path: Path) -> Generator[None, list[Any], list[Any]]:
-    """Look for examples in no test module that has none: to look at every object takes a second."""
-    found = yield
-    if file_path.suffix != ".py" or ">>>" in _read(file_path):
-        return found
-    return [one for one in found if type(one).__name__ != "DoctestModule"]
+class _Selection:
+    """Which files are read. It is a plugin because the hooks of this file itself act below its folder only, and most
+    files are above: the modules."""
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(self, file_path: Path) -> Generator[None, list[Any], list[Any]]:
+        """Look for examples in no test module that has none: to look at every object takes a second."""
+        found = yield
+        if file_path.suffix != ".py" or ">>>" in _read(file_path):
+            return found
+        return [one for one in found if type(one).__name__ != "DoctestModule"]
 
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Read no file whose tests all belong to another call of `scripts/run_tests.py`, and no module without an example:
-    all take half a minute."""
-    if collection_path.suffix != ".py" or collection_path.name == "conftest.py":
-        return None
-    text = _read(collection_path)
-    if not collection_path.is_relative_to(ROOT / "tests") and ">>>" not in text:
-        return True
-    wanted = config.option.markexpr.split(" and ")
-    if "realtime" not in wanted[0]:
-        return None
-    for marker in ("realtime", "browser"):
-        everywhere = re.search(rf"^pytestmark = .*\bmark\.{marker}\b", text, re.MULTILINE)
-        if (marker in wanted and f"mark.{marker}" not in text) or (f"not {marker}" in wanted and everywhere):
+    def pytest_ignore_collect(self, collection_path: Path, config: pytest.Config) -> bool | None:
+        """Read no file whose tests all belong to another call of `scripts/run_tests.py`, and no module without an
+        example: all take half a minute."""
+        if collection_path.suffix != ".py" or collection_path.name == "conftest.py":
+            return None
+        text = _read(collection_path)
+        if not collection_path.is_relative_to(ROOT / "tests") and ">>>" not in text:
             return True
-    return None
+        wanted = config.option.markexpr.split(" and ")
+        if "realtime" not in wanted[0]:
+            return None
+        for marker in ("realtime", "browser"):
+            everywhere = re.search(rf"^pytestmark = .*\bmark\.{marker}\b", text, re.MULTILINE)
+            if (marker in wanted and f"mark.{marker}" not in text) or (f"not {marker}" in wanted and everywhere):
+                return True
+        return None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Apply the selection to all folders."""
+    config.pluginmanager.register(_Selection())
 
 
 def _group(nodeid: str) -> str:
