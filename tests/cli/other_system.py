@@ -324,7 +324,7 @@ def use(folder):
         "run": lambda: run_command(
             "run", "--headless", "--duration", 1, "--record", folder / "headless.mcap", "--json"
         ),
-        "run console": lambda: run_with_page("run", "pmsm", "--port", 0, "--record", folder / "console.mcap"),
+        "run console": lambda: run_with_page("run", "pmsm", "--port", 0),
         "serve": lambda: run_command("run", "--serve", "haply"),
         "study run": lambda: run_with_page("study", "run", study, "-p", "P01", "--port", 0, "--db", folder / "run.db"),
         "study run in a terminal": lambda: run_command("study", "run", study, "--terminal", "-p", "P01"),
