@@ -93,14 +93,16 @@ print(has_cached_code(integrals), integrals(0.5, 0.75)[0] > 0.0, has_cached_code
         assert done.stdout.split() == [before, "True", "True", "False"], done.stderr
 
 
-@pytest.mark.parametrize("room", ["tick", "drivers", "loop", "trackers.tracker_process"])
+@pytest.mark.parametrize(
+    "room", ["tick", "drivers.sim", "drivers.serial", "drivers.i2c", "loop", "trackers.tracker_process"]
+)
 def test_what_runs_beside_a_clock_has_the_compiler_loaded(room: str) -> None:
     assert output_of(f"import sys, haptorb.runtime.{room}; print('numba' in sys.modules)") == "True"
 
 
-def test_the_recorder_which_compiles_nothing_is_there_without_the_compiler() -> None:
-    program = "import sys, haptorb.runtime.recorder_process; print('numba' in sys.modules)"
-    assert output_of(program) == "False"
+@pytest.mark.parametrize("room", ["recorder_process", "servo"])
+def test_what_compiles_nothing_is_there_without_the_compiler(room: str) -> None:
+    assert output_of(f"import sys, haptorb.runtime.{room}; print('numba' in sys.modules)") == "False"
 
 
 def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None:
@@ -123,6 +125,7 @@ def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None
 
 def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
     from numba import njit
+    from numba.core.event import RecordingListener, install_listener
 
     load_compiler()
     double: Any = kernel(_double)
@@ -131,8 +134,12 @@ def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
         return double(1) + double(2) + double(3)  # type: ignore[no-any-return]
 
     compiled: Any = njit(total)  # without a cache, so that what it calls is compiled now
-    assert compiled() == 12
-    assert [str(signature) for signature in double.signatures] == ["(int64,)"]
+    compilations = RecordingListener()
+    with install_listener("numba:compile", compilations):
+        assert compiled() == 12
+    begun = [event.data for _, event in compilations.buffer if event.is_start]
+    of_double = [data["args"] for data in begun if data["dispatcher"].py_func is _double]
+    assert [str(types) for types in of_double] == ["(int64,)"]
 
 
 def _double(number: int) -> int:

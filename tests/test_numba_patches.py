@@ -66,15 +66,16 @@ K = np.empty((6, 3))
 dipole(2.407, np.diag([0.1, 0.15, 0.2]), np.array([0.01, 0.02, 0.05]), np.eye(3), K)
 changed = ["__wrapped__" in vars(BaseFunction.get_call_type),
            codegen.CPUCodeLibrary._finalize_final_module.__module__.startswith("haptorb"),
-           dipole.get_call_template.__module__.startswith("haptorb")]
+           dipole.get_call_template.__module__.startswith("haptorb"),
+           codegen.JITCodeLibrary.serialize_using_object_code.__module__.startswith("haptorb")]
 print(json.dumps({"K": K.tolist(), "changed": changed}))
 """
 
 
 def test_without_changes_none_is_made_and_a_kernel_computes_the_same(tmp_path: Path) -> None:
     plain, patched = (_run("-c", PROGRAM, plain=plain, cache=tmp_path) for plain in ("1", ""))
-    assert plain["changed"] == [False] * 3
-    assert patched["changed"] == [True] * 3
+    assert plain["changed"] == [False] * 4
+    assert patched["changed"] == [True] * 4
     np.testing.assert_allclose(plain["K"], patched["K"], rtol=1e-12)
 
 
@@ -106,6 +107,51 @@ print(json.dumps([said, missing, silent, len(heard)]))
     said, missing, silent, heard = _run("-c", program, str(tmp_path), plain=plain, cache=tmp_path / "cache")
     assert "'double.double' is not compiled" in said
     assert (missing, silent, heard) == (["double.double"], 0, 1)
+
+
+CALLER = """
+import json, sys
+from pathlib import Path
+from haptorb import compiled
+compiled._PACKAGE = Path(sys.argv[1])
+sys.path.insert(0, sys.argv[1])
+import roots
+said = []
+for number in (4.0, -1.0):
+    try:
+        said.append(roots.twice_root(number))
+    except ValueError as error:
+        said.append(str(error))
+said.append(roots.half_root(4.0) if "half" in sys.argv else 0.0)
+said.append(roots.root(9.0) if "root" in sys.argv else 0.0)
+print(json.dumps(said))
+"""
+
+
+@pytest.mark.parametrize("plain", ["1", ""])
+def test_a_called_kernel_computes_and_raises_also_where_it_is_taken_from_the_cache(plain: str, tmp_path: Path) -> None:
+    (tmp_path / "roots.py").write_text("""
+import math
+from haptorb.compiled import kernel
+
+@kernel
+def root(x):
+    if x < 0.0:
+        raise ValueError("no root of a negative number")
+    return math.sqrt(x)
+
+@kernel
+def twice_root(x):
+    return 2.0 * root(x)
+
+@kernel
+def half_root(x):
+    return 0.5 * root(x)
+""")
+    for wanted in ((), (), ("half",), ("half",), ("half", "root")):  # each but the first finds the earlier code
+        said = _run("-c", CALLER, str(tmp_path), *wanted, plain=plain, cache=tmp_path / "cache")
+        expected = [4.0, "no root of a negative number", float("half" in wanted), 3.0 * ("root" in wanted)]
+        assert said == expected, wanted
 
 
 @pytest.mark.slow

@@ -12,13 +12,25 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-__all__ = ["NEWEST", "call_own_copies", "compile_function", "is_patched", "load_numba", "remember_call_types"]
+__all__ = [
+    "NEWEST",
+    "call_own_copies",
+    "compile_function",
+    "is_patched",
+    "load_numba",
+    "omit_unused_code",
+    "remember_call_types",
+    "shorten_searches",
+]
 
+_CALLEES = "callees"  #: folder of the code of functions that other kernels call, in their file's folder
 NEWEST = (0, 68)  #: as in pyproject.toml
 _PLAIN = "HAPTORB_PLAIN_NUMBA"
 
@@ -52,8 +64,11 @@ def load_numba() -> Any:
     _disable_gathers(numba)
     _limit_optimisation(numba)
     _postpone_linear_algebra()
-    call_own_copies(import_module("numba.core.codegen"))
+    codegen = import_module("numba.core.codegen")
+    call_own_copies(codegen)
+    omit_unused_code(codegen)
     remember_call_types()
+    shorten_searches()
     return numba
 
 
@@ -66,20 +81,28 @@ def compile_function(
     exact: operations are neither reordered nor fused.
     """
     numba = load_numba()
-    usual = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = folder  # read at the creation of a dispatcher
-    try:
-        compiled = numba.njit(
-            cache=bool(folder), nogil=not brief, error_model="numpy",
-            fastmath=False if exact else {"reassoc", "contract"},
-            **(_list_options(brief) if is_patched(numba.__version__) else {}),
-        )(function)  # fmt: skip
-    finally:
-        numba.config.CACHE_DIR = usual
-    if is_patched(numba.__version__):
+    patched = is_patched(numba.__version__)
+    options: dict[str, Any] = {
+        "nogil": not brief, "error_model": "numpy", "fastmath": False if exact else {"reassoc", "contract"},
+        **(_list_options(brief) if patched else {}),
+    }  # fmt: skip
+
+    def make(folder: str, **more: bool) -> Any:
+        if not patched:
+            with _cache_in(numba, folder):
+                return numba.njit(cache=bool(folder), **options, **more)(function)
+        made = numba.njit(**options, **more)(function)
         if vectors and "NUMBA_LOOP_VECTORIZE" not in os.environ:
-            _vectorize_loops(numba, compiled)
-        _ignore_constants(numba, compiled)
+            _vectorize_loops(numba, made)
+        if folder:
+            _postpone_cache(numba, made, folder)
+        return made
+
+    compiled = make(folder)
+    if patched:
+        _compile_callee_apart(
+            numba, compiled, lambda: make(folder and str(Path(folder) / _CALLEES), no_cpython_wrapper=True)
+        )
     return compiled
 
 
@@ -90,6 +113,33 @@ def _list_options(brief: bool) -> dict[str, bool]:
     the value of the first kernel that calls it.
     """
     return {"no_cfunc_wrapper": True, "_nrt": not brief}
+
+
+@contextmanager
+def _cache_in(numba: Any, folder: str) -> Iterator[None]:
+    """Within the block, new dispatchers have their cache in `folder`."""
+    usual = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = usual
+
+
+def _postpone_cache(numba: Any, compiled: Any, folder: str) -> None:
+    """Open the cache of `compiled`, a dispatcher, in `folder` at its first call.
+
+    numba checks the folder of every dispatcher by writing a file into it; most kernels are never called in a process.
+    """
+    compile_uncached = compiled.compile
+
+    def compile_cached(signature: Any) -> Any:
+        compiled.compile = compile_uncached
+        with _cache_in(numba, folder):
+            compiled.enable_caching()
+        return compile_uncached(signature)
+
+    compiled.compile = compile_cached
 
 
 def _vectorize_loops(numba: Any, compiled: Any) -> None:
@@ -110,15 +160,23 @@ def _vectorize_loops(numba: Any, compiled: Any) -> None:
     compiled.compile = compile_to_vectors
 
 
-def _ignore_constants(numba: Any, compiled: Any) -> None:
-    """Compile `compiled`, a dispatcher, once for each combination of types, ignoring constant values.
+def _compile_callee_apart(numba: Any, compiled: Any, make: Callable[[], Any]) -> None:
+    """Let other kernels call a second dispatcher of the function of `compiled`, which `make` creates at the first call.
 
-    numba compiles it anew for each constant that another kernel passes, and keeps what it does not need.
+    Hardly any function is called both from Python and by other kernels. The second one has no entry point for Python
+    and, as each kernel contains copies of those that it calls, no machine code (`omit_unused_code`). Both took a
+    quarter of a first start.
+
+    It is compiled once for each combination of types. numba compiles a kernel anew for each constant that another
+    kernel passes, and keeps what it does not need.
     """
-    find, plain = compiled.get_call_template, numba.types.unliteral
-    compiled.get_call_template = lambda args, named: find(
-        tuple(map(plain, args)), {name: plain(kind) for name, kind in named.items()}
-    )
+    plain, callee = numba.types.unliteral, cache(make)
+
+    def find(args: Any, named: Any) -> Any:
+        return callee().get_call_template(tuple(map(plain, args)), {name: plain(kind) for name, kind in named.items()})
+
+    compiled.get_call_template = find
+    compiled.get_overload = lambda signature: callee().get_overload(signature)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -161,6 +219,79 @@ def _set_linkage(module: Any, before: str, after: str) -> Any:
 
 
 # --------------------------------------------------------------------------------------------------
+# No machine code of functions that only other kernels call: they contain optimised copies of it.
+#
+# An "environment" holds the Python objects of a function, such as its exceptions. numba writes its address into a
+# variable of the function's machine code; here the variable is in the machine code of its callers.
+
+
+_CALLEE, _ENVIRONMENT = "haptorb callee", "_ZN08NumbaEnv"  #: kind of cached code; prefix of the variables
+
+
+def omit_unused_code(codegen: Any) -> None:
+    """Change `codegen`, the module `numba.core.codegen`, so that functions without entry points are only optimised."""
+    from numba.core.environment import lookup_environment
+    from numba.core.typed_passes import BaseNativeLowering
+
+    library, generator = codegen.JITCodeLibrary, codegen.JITCPUCodegen
+    lower, finish, store, load, set_environment = (
+        BaseNativeLowering.run_pass, library._finalize_final_module, library.serialize_using_object_code,
+        library._unserialize, generator.set_env,
+    )  # fmt: skip
+
+    def mark(self: Any, state: Any) -> bool:
+        flags = state.flags
+        # numba gives its own functions in Python, such as `np.empty`, an entry point for C, which nothing calls.
+        if flags.no_cpython_wrapper and (state.func_id.func.__module__ or "").startswith("numba."):
+            flags.no_cfunc_wrapper = True
+        if flags.no_cpython_wrapper and flags.no_cfunc_wrapper and state.library is None:
+            state.library = state.targetctx.codegen().create_library(state.func_id.func_qualname)
+            state.library.is_callee = True
+        done: bool = lower(self, state)
+        return done
+
+    def finish_callee(self: Any) -> None:
+        if _is_callee(self):
+            self._finalize_dynamic_globals()
+            self._verify_declare_only_symbols()
+            self._finalized = True
+            return
+        finish(self)
+        for variable in self._final_module.global_variables:
+            if variable.name.startswith(_ENVIRONMENT):
+                known = lookup_environment(variable.name)
+                if known is not None:
+                    self.codegen.set_env(variable.name, known)
+
+    def store_callee(self: Any) -> Any:
+        if not _is_callee(self):
+            return store(self)
+        self._ensure_finalized()
+        return self.name, _CALLEE, self._get_module_for_linking().as_bitcode()
+
+    def load_callee(_: Any, generator: Any, stored: Any) -> Any:
+        name, kind, code = stored
+        if kind != _CALLEE:
+            return load(generator, stored)
+        made = generator.create_library(name)
+        made.is_callee = made._finalized = True
+        made._shared_module = codegen.ll.parse_bitcode(code)
+        return made
+
+    def set_existing(self: Any, name: str, environment: Any) -> None:
+        if self._engine.is_symbol_defined(name):
+            set_environment(self, name, environment)
+
+    BaseNativeLowering.run_pass = mark
+    library._finalize_final_module, library.serialize_using_object_code = finish_callee, store_callee
+    library._unserialize, generator.set_env = classmethod(load_callee), set_existing
+
+
+def _is_callee(library: Any) -> bool:
+    return getattr(library, "is_callee", False)
+
+
+# --------------------------------------------------------------------------------------------------
 # Cache of numba's resolved operation types.
 #
 # For each `a * b` of a kernel numba tries the templates of `*` one after the other, including arrays, strings, lists
@@ -196,6 +327,54 @@ def remember_call_types() -> None:
         return signature
 
     BaseFunction.get_call_type = find_once  # type: ignore[method-assign]
+
+
+# --------------------------------------------------------------------------------------------------
+# Two functions that numba calls for every instruction of a kernel, with the same results in less time.
+
+
+def shorten_searches() -> None:
+    """List the variables of an instruction, and compare compiler options, in less time."""
+    from numba.core import ir
+    from numba.core.targetconfig import TargetConfig
+
+    ir.Inst._rec_list_vars = _make_list_variables(ir)
+
+    def list_values(self: Any) -> dict[str, Any]:
+        values: dict[str, Any] = {name: option.default for name, option in self.options.items()}
+        values.update(self._values)
+        return values
+
+    TargetConfig.values = list_values
+    # numba's, too, depends on the names only.
+    TargetConfig.__hash__ = lambda self: hash(tuple(self.options))
+
+
+def _make_list_variables(ir: Any) -> Callable[[Any, Any], list[Any]]:
+    """Return numba's `_rec_list_vars`, which remembers types of values that hold no variables."""
+    empty: set[type] = set()
+
+    def list_variables(self: Any, value: Any) -> list[Any]:
+        if isinstance(value, ir.Var):
+            return [value]
+        if isinstance(value, ir.Inst):
+            found: list[Any] = value.list_vars()
+            return found
+        if isinstance(value, dict):
+            value = value.values()
+        elif not isinstance(value, list | tuple):
+            empty.add(type(value))
+            return []
+        found = []
+        for one in value:
+            kind = type(one)
+            if kind is ir.Var:
+                found.append(one)
+            elif kind not in empty:
+                found.extend(list_variables(self, one))
+        return found
+
+    return list_variables
 
 
 def _silence_lock() -> None:

@@ -20,6 +20,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, update_wrapper
+from importlib.metadata import version
 from pathlib import Path
 from threading import local
 from typing import Any, TypeVar, cast, final
@@ -185,9 +186,9 @@ def has_cached_code(function: Callable[..., Any]) -> bool:
 
 
 def _name_state(path: Path) -> str:
-    version = load_numba().__version__
-    plain = b"" if is_patched(version) else b"plain"
-    return hashlib.sha256(version.encode() + plain + _digest_sources(path)).hexdigest()[:16]
+    numba = version("numba")
+    plain = b"" if is_patched(numba) else b"plain"
+    return hashlib.sha256(numba.encode() + plain + _digest_sources(path)).hexdigest()[:16]
 
 
 @cache

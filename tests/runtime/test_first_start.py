@@ -12,8 +12,7 @@ import pytest
 
 from haptorb import worlds
 from haptorb.runtime import plan
-from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
-from haptorb.runtime.prestart import PLAN, WANTED, code_note, start_module
+from haptorb.runtime.prestart import CATALOGUE, CONTROLLER, PLAN, WANTED, code_note, start_module
 from haptorb.runtime.servo import Servo
 
 PROGRAM = """

@@ -17,7 +17,6 @@ import numpy as np
 from haptorb.arrays import Array, record
 from haptorb.control.trip_reasons import Trip
 from haptorb.files import replace_file
-from haptorb.recording.mcap import Recorder
 from haptorb.recording.state_notes import LAYOUT_NOTE, STATE_NOTE, describe_arrays, pack_arrays
 from haptorb.runtime.report import find_program
 from haptorb.runtime.shared_memory import SLOTS, TRIPS, SharedMemory, StateSlots, Word, split_snapshot
@@ -119,6 +118,8 @@ class BlackBox:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with replace_file(folder / name) as part, part.open("wb") as file:
+                from haptorb.recording.mcap import Recorder  # only a trip needs it
+
                 recorder = Recorder(file, self._shared.layout, self._rate, time_ns() - monotonic_ns())
                 trip = tripped.trip
                 for note, values in self._notes.items():

@@ -21,12 +21,11 @@ from time import monotonic, sleep
 from haptorb.cache_folder import cache_folder
 from haptorb.runtime import plan
 from haptorb.runtime.linux import die_with_parent, is_parent_gone, lower_share
-from haptorb.runtime.prestart import PLAN, WANTED, code_note
+from haptorb.runtime.prestart import CATALOGUE, PLAN, WANTED, code_note
 from haptorb.runtime.warm_up import Compilation
 
-__all__ = ["CATALOGUE", "CONTROLLER"]
+__all__ = ["main"]
 
-CONTROLLER, CATALOGUE = "controller", "catalogue"
 _NICE = 19  #: nice value
 _MAX_WAIT_S = 20.0  #: longest wait for another process that compiles the same
 _LOCK_RETRY_INTERVAL_S = 0.1  #: between two tries to lock

@@ -38,7 +38,6 @@ from haptorb.devices.quantity import si
 from haptorb.errors import InputError, RecordingError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
 from haptorb.files import open_regular, read_text
-from haptorb.recording.recording import Recording
 from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.simulation.hand_motion import SampledPath, ScriptedMotion, handle_quaternions, upright_quaternions
@@ -313,6 +312,8 @@ _MAX_OPENING_M = 0.2  #: opening of a gripper between finger and thumb [m]
 
 def _read_recording(path: Path, device: Device) -> ScriptedMotion:
     """Read the motion of the hand in the recording `path`."""
+    from haptorb.recording.recording import Recording  # its file format takes 0.05 s that few runs need
+
     recording = Recording(path)
     recording.require("t", "valid", "hand_goal", "hand_goal_q", "p", "q")
     if len(recording) > _SAMPLES:

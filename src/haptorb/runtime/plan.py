@@ -5,17 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast, final
+from typing import TYPE_CHECKING, Any, cast, final
 
 from haptorb.cluster import pack, unpack
 from haptorb.devices.base import Implementation, register_implementations
-from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
-from haptorb.runtime.tick import Chain
 from haptorb.runtime.trackers.base import Tracker
 from haptorb.worlds.base import World
 
-__all__ = ["Plan", "load", "save"]
+if TYPE_CHECKING:
+    from haptorb.runtime.tick import Chain
+
+__all__ = ["Plan", "assemble", "load", "save"]
+
+
+def assemble(config: RunConfig, tracker: Tracker) -> Chain:
+    """As `haptorb.runtime.assembly.assemble`, which loads the compiler: the process that makes the plan needs none."""
+    from haptorb.runtime import assembly
+
+    return assembly.assemble(config, tracker)
 
 
 @final

@@ -19,9 +19,10 @@ from haptorb.errors import ServoError
 from haptorb.files import FOLDER, FileLock
 from haptorb.runtime.linux import start_python
 
-__all__ = ["PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
+__all__ = ["CATALOGUE", "CONTROLLER", "PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
 
 PLAN = "plan"  #: name of the file in the folder
+CONTROLLER, CATALOGUE = "controller", "catalogue"  #: what a compiler process (`first_start`) compiles
 WANTED = "wanted"  #: name of the file that names the requested world
 
 

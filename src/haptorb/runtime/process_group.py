@@ -25,10 +25,9 @@ from haptorb.control.protection import protect_wrench
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.runtime.black_box import BlackBox
-from haptorb.runtime.first_start import CATALOGUE, CONTROLLER
 from haptorb.runtime.linux import END_SIGNALS, end_process, is_linux, raise_priority, repeat_signal, wait_for_end
 from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, StarvedTime, state_of
-from haptorb.runtime.prestart import WANTED, PrestartedProcess, start_module
+from haptorb.runtime.prestart import CATALOGUE, CONTROLLER, WANTED, PrestartedProcess, start_module
 from haptorb.runtime.report import count_recorded
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word, find_end_signal
 from haptorb.runtime.trackers.registry import Preparation

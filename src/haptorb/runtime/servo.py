@@ -38,11 +38,11 @@ from haptorb.files import FileLock, describe_size_limit, sweep
 from haptorb.recording.destination import RunRecording
 from haptorb.recording.row import LatestRow, RowLayout
 from haptorb.runtime import plan
-from haptorb.runtime.assembly import assemble
 from haptorb.runtime.black_box import BlackBox, TripRecord
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.hand_commands import HandCommands
 from haptorb.runtime.linux import require_linux, run_uninterrupted
+from haptorb.runtime.plan import assemble
 from haptorb.runtime.prestart import PrestartedProcess
 from haptorb.runtime.process_group import ProcessGroup, SignalStop
 from haptorb.runtime.report import (
@@ -61,7 +61,6 @@ from haptorb.runtime.shared_memory import BUTTONS, TRIPS, SharedMemory, Word, en
 from haptorb.runtime.trackers.feed_tracker import PREDICTION
 from haptorb.runtime.trackers.pose_filter import describe_missing_pose
 from haptorb.runtime.trackers.registry import Preparation, prepare_tracker
-from haptorb.runtime.world_loading import WorldWatcher
 from haptorb.runtime.world_requests import name_of, parse_answer, parse_postponement, request, values_of
 from haptorb.simulation.hand_motion import PathFunction, ScriptedMotion
 from haptorb.worlds import CATALOGUE
@@ -73,6 +72,7 @@ from haptorb.worlds.user_world import FileWithRemote, WorldFile
 
 if TYPE_CHECKING:
     from haptorb.recording.recording import Recording
+    from haptorb.runtime.world_loading import WorldWatcher
 
 __all__ = ["MAX_TORQUE_SCALE", "Servo"]
 
@@ -380,6 +380,8 @@ class Servo:
         import_module("numpy.ma")
         self._children.wait_until_running()
         if self.config.world_file is not None:
+            from haptorb.runtime.world_loading import WorldWatcher  # loads the compiler
+
             self._watcher = WorldWatcher(
                 self.config.world_file, self.config.world, self.device, self._reload, lambda: self.world
             )

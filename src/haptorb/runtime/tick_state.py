@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Final, final
+from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,9 @@ from haptorb.arrays import Array, StateArray, Stateful
 from haptorb.control.guard import TICKS
 from haptorb.errors import RecordingError
 from haptorb.runtime.shared_memory import split_snapshot
-from haptorb.runtime.tick import Tick
+
+if TYPE_CHECKING:
+    from haptorb.runtime.tick import Tick  # loads the compiler, which the host need not
 
 __all__ = ["STATE_TYPES", "TickState", "load_state", "save_state"]
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
-from scipy.special import elliprd
 
 from haptorb.arrays import Array, gauss_legendre
 from haptorb.compiled import kernel
@@ -24,6 +23,7 @@ from haptorb.devices.placed_coils import PlacedCoils, place_coils
 from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import InteriorCoil
 from haptorb.magnetics.current_sheets import loop_field
+from haptorb.magnetics.demagnetising import demagnetising_factors
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import (
@@ -90,12 +90,8 @@ class ElectromagnetSpecimen:
         degree are those of a ball: the relative error is `core_stretch` in these terms.
         """
         axes = self.core.radius * (1.0 + self.core_stretch)
-        squares, volume = axes**2, 4 * np.pi / 3 * float(np.prod(axes))
-        share = np.empty(3)
-        for i in range(3):
-            others = np.delete(squares, i)
-            demagnetising = float(np.prod(axes)) / 3 * float(elliprd(*others, squares[i]))
-            share[i] = 1.0 / (demagnetising + 1.0 / (self.core.permeability - 1.0))
+        volume = 4 * np.pi / 3 * float(np.prod(axes))
+        share = 1.0 / (demagnetising_factors(axes) + 1.0 / (self.core.permeability - 1.0))
         ball = self.core.moment_in(np.array([0.0, 0.0, 1.0]))[2]
         stretch: Array = (self.core_axes * (volume / MU0 * share - ball)) @ self.core_axes.T
         return stretch

@@ -17,6 +17,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.cluster import python_command
+from haptorb.compiled import load_compiler
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError
@@ -736,3 +737,6 @@ class I2cDriver(Driver):
 
 def _explain(cause: DriverError | OSError, what: str) -> str:
     return str(cause) if isinstance(cause, DriverError) else f"{what}: {cause}"
+
+
+load_compiler()  # at import, so that no device waits for it

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array, Records
-from haptorb.compiled import kernel
+from haptorb.compiled import kernel, load_compiler
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HostSilent, InputError
@@ -785,3 +785,6 @@ class SerialDriver(Driver):
         state = board.engage(*self._session)
         self._apply_mode(state.mode)
         return refusal(state)
+
+
+load_compiler()  # at import, so that no device waits for it

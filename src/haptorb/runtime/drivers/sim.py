@@ -11,6 +11,7 @@ from typing import Protocol, final
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.compiled import load_compiler
 from haptorb.control.missed_deadlines import silence_of
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
@@ -310,3 +311,6 @@ class ImperfectTracker(Driver):
     def target(self) -> Array:
         """Goal (7,) of `inner`: position [m], quaternion."""
         return self._inner.target()
+
+
+load_compiler()  # at import, so that no device waits for it
