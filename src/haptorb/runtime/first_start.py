@@ -11,6 +11,10 @@ world is compiled next.
 from __future__ import annotations
 
 import gc
+
+if __name__ == "__main__":
+    gc.disable()  # as in the servo's process: nearly all objects that imports and compiling make are permanent
+
 import os
 import sys
 from collections.abc import Iterable, Iterator
@@ -34,7 +38,6 @@ _LOCK_RETRY_INTERVAL_S = 0.1  #: between two tries to lock
 def main(what: str, folder: Path, parent: int) -> int:
     """Compile `what` for the plan in `folder` until done or the parent has ended."""
     die_with_parent()
-    gc.disable()  # as in the servo's process: nearly all objects that compiling makes are permanent
     compilation = Compilation(plan.load(folder / PLAN).config)
     parts: Iterable[object] = compilation.compile_controller()
     if what == CATALOGUE:
