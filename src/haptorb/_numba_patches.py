@@ -23,6 +23,7 @@ __all__ = [
     "NEWEST",
     "call_own_copies",
     "compile_function",
+    "find_version",
     "is_patched",
     "load_numba",
     "omit_unused_code",
@@ -53,11 +54,17 @@ def is_patched(version: str) -> bool:
 
 
 @cache
-def load_numba() -> Any:
-    """Import numba and apply the patches if its version allows."""
+def find_version() -> str:
+    """Return the version of the installed numba, which need not be loaded for that."""
     from importlib.metadata import version
 
-    if not is_patched(version("numba")):
+    return version("numba")
+
+
+@cache
+def load_numba() -> Any:
+    """Import numba and apply the patches if its version allows."""
+    if not is_patched(find_version()):
         return import_module("numba")
     _silence_lock()
     numba = import_module("numba")
@@ -201,7 +208,8 @@ def call_own_copies(codegen: Any) -> None:
 
     def finish_own(self: Any) -> None:
         module = self._final_module
-        if self._shared_module is None and any(not one.is_declaration for one in module.functions):
+        is_entry = _find_kind(self) == _ENTRY  # nobody copies it
+        if self._shared_module is None and not is_entry and any(not one.is_declaration for one in module.functions):
             # As `_get_module_for_linking` does, which would be too late.
             self._shared_module = _set_linkage(module.clone(), _EXPORTED, _SHARED)
         _set_linkage(module, _SHARED, _OWN)
@@ -219,17 +227,21 @@ def _set_linkage(module: Any, before: str, after: str) -> Any:
 
 
 # --------------------------------------------------------------------------------------------------
-# No machine code of functions that only other kernels call: they contain optimised copies of it.
+# A kernel's code is either machine code, for Python, or optimised code for copies in other kernels, never both.
 #
 # An "environment" holds the Python objects of a function, such as its exceptions. numba writes its address into a
 # variable of the function's machine code; here the variable is in the machine code of its callers.
 
 
-_CALLEE, _ENVIRONMENT = "haptorb callee", "_ZN08NumbaEnv"  #: kind of cached code; prefix of the variables
+_ENTRY, _CALLEE = "haptorb entry", "haptorb callee"  #: kinds of cached code: called from Python, by other kernels
+_ENVIRONMENT = "_ZN08NumbaEnv"  #: prefix of the variables
 
 
 def omit_unused_code(codegen: Any) -> None:
-    """Change `codegen`, the module `numba.core.codegen`, so that functions without entry points are only optimised."""
+    """Change `codegen`, the module `numba.core.codegen`, so that functions without entry points are only optimised.
+
+    The cache has no code for copies of the others, which took a third of the time to load a kernel.
+    """
     from numba.core.environment import lookup_environment
     from numba.core.typed_passes import BaseNativeLowering
 
@@ -244,14 +256,15 @@ def omit_unused_code(codegen: Any) -> None:
         # numba gives its own functions in Python, such as `np.empty`, an entry point for C, which nothing calls.
         if flags.no_cpython_wrapper and (state.func_id.func.__module__ or "").startswith("numba."):
             flags.no_cfunc_wrapper = True
-        if flags.no_cpython_wrapper and flags.no_cfunc_wrapper and state.library is None:
+        if flags.no_cfunc_wrapper and state.library is None:
             state.library = state.targetctx.codegen().create_library(state.func_id.func_qualname)
-            state.library.is_callee = True
+            state.library.enable_object_caching()
+            state.library.kind = _CALLEE if flags.no_cpython_wrapper else _ENTRY
         done: bool = lower(self, state)
         return done
 
-    def finish_callee(self: Any) -> None:
-        if _is_callee(self):
+    def finish_by_kind(self: Any) -> None:
+        if _find_kind(self) == _CALLEE:
             self._finalize_dynamic_globals()
             self._verify_declare_only_symbols()
             self._finalized = True
@@ -263,19 +276,31 @@ def omit_unused_code(codegen: Any) -> None:
                 if known is not None:
                     self.codegen.set_env(variable.name, known)
 
-    def store_callee(self: Any) -> Any:
-        if not _is_callee(self):
+    def store_by_kind(self: Any) -> Any:
+        kind = _find_kind(self)
+        if not kind:
             return store(self)
         self._ensure_finalized()
-        return self.name, _CALLEE, self._get_module_for_linking().as_bitcode()
+        if kind == _CALLEE:
+            return self.name, kind, self._get_module_for_linking().as_bitcode()
+        module = self._final_module
+        defined = [one.name for one in (*module.functions, *module.global_variables) if not one.is_declaration]
+        return self.name, kind, (self._get_compiled_object(), defined)
 
-    def load_callee(_: Any, generator: Any, stored: Any) -> Any:
+    def load_by_kind(_: Any, generator: Any, stored: Any) -> Any:
         name, kind, code = stored
-        if kind != _CALLEE:
+        if kind not in (_CALLEE, _ENTRY):
             return load(generator, stored)
         made = generator.create_library(name)
-        made.is_callee = made._finalized = True
-        made._shared_module = codegen.ll.parse_bitcode(code)
+        made.kind = kind
+        if kind == _CALLEE:
+            made._shared_module, made._finalized = codegen.ll.parse_bitcode(code), True
+            return made
+        machine_code, defined = code
+        made.enable_object_caching()
+        made._set_compiled_object(machine_code)
+        made._finalize_final_module()
+        generator._engine._defined_symbols.update(defined)
         return made
 
     def set_existing(self: Any, name: str, environment: Any) -> None:
@@ -283,12 +308,13 @@ def omit_unused_code(codegen: Any) -> None:
             set_environment(self, name, environment)
 
     BaseNativeLowering.run_pass = mark
-    library._finalize_final_module, library.serialize_using_object_code = finish_callee, store_callee
-    library._unserialize, generator.set_env = classmethod(load_callee), set_existing
+    library._finalize_final_module, library.serialize_using_object_code = finish_by_kind, store_by_kind
+    library._unserialize, generator.set_env = classmethod(load_by_kind), set_existing
 
 
-def _is_callee(library: Any) -> bool:
-    return getattr(library, "is_callee", False)
+def _find_kind(library: Any) -> str:
+    """Return the kind of the code of `library`; empty for functions that are not compiled by this package."""
+    return getattr(library, "kind", "")
 
 
 # --------------------------------------------------------------------------------------------------

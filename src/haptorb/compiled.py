@@ -20,7 +20,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, update_wrapper
-from importlib.metadata import version
 from pathlib import Path
 from threading import local
 from typing import Any, TypeVar, cast, final
@@ -28,7 +27,7 @@ from typing import Any, TypeVar, cast, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb._numba_patches import compile_function, is_patched, load_numba
+from haptorb._numba_patches import compile_function, find_version, is_patched, load_numba
 from haptorb.arrays import Array
 from haptorb.cache_folder import explain_shared, private_folder
 
@@ -186,9 +185,9 @@ def has_cached_code(function: Callable[..., Any]) -> bool:
 
 
 def _name_state(path: Path) -> str:
-    numba = version("numba")
-    plain = b"" if is_patched(numba) else b"plain"
-    return hashlib.sha256(numba.encode() + plain + _digest_sources(path)).hexdigest()[:16]
+    version = find_version()
+    plain = b"" if is_patched(version) else b"plain"
+    return hashlib.sha256(version.encode() + plain + _digest_sources(path)).hexdigest()[:16]
 
 
 @cache

@@ -159,9 +159,9 @@ def _run(shared: SharedMemory, path: Path, parent: int) -> int:
     )  # fmt: skip
     # The host shows the output of a world, warnings included; a tick must not wait for a terminal.
     sys.stdout = sys.stderr = WorldOutput(1)
-    # The only garbage collection: another would delay the loop. Existing objects are excluded from any later one.
-    gc.collect()
-    gc.freeze()
+    if shared.words[Word.COMPILED]:
+        gc.collect()  # loading alone leaves hardly any garbage; a collection would delay the loop
+    gc.freeze()  # existing objects are excluded from any later collection
     facts = request_real_time()
     wakefulness = CoreWaker(int(facts["core"]))
     try:
