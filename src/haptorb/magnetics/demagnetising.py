@@ -17,7 +17,7 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
     """(3,) [1] factors along the principal axes of an ellipsoid, whose sum is 1.
 
     N₃ = a b c/2 ∫₀^∞ dt/((t + c²) √((t + a²)(t + b²)(t + c²))) = a b c/3 R_D(a², b², c²)
-    (Stratton, Electromagnetic Theory, §3.27).
+    (Stratton, Electromagnetic Theory, 1941, §3.27).
 
     Parameters
     ----------

@@ -223,6 +223,7 @@ def _warm_up(plan: plans.Plan, shared: SharedMemory) -> frozenset[str]:
         for tick in range(_WARM_UP_TICKS):  # the device only: at a first start another process compiles the rest
             chain.prepare(tick / plan.config.rate)
         if isinstance(chain, Tick):
+            chain.load_allocation()
             chain.load_row(row)
         load_loop(row, shared.layout.places)
         for tick in range(_WARM_UP_TICKS, 2 * _WARM_UP_TICKS):

@@ -616,12 +616,14 @@ class Tick(Stateful):
             self.driver.prepare(now)
         self._ahead = perf_counter() - t0
 
-    def load_row(self, row: Array) -> None:
-        """Load the code that allocates currents and fills `row` (width,), which has no meaning afterwards; before the
-        first `step`."""
-        still, turn, protection = np.zeros(3), np.eye(3), self.protection
+    def load_allocation(self) -> None:
+        """Load the code that allocates currents; before the first `step`."""
         with suppress(HaptorbError):
             self.part.allocator.allocate(WrenchMap(np.zeros((6, self._device.channels)), np.zeros(6)), np.zeros(6))
+
+    def load_row(self, row: Array) -> None:
+        """Load the code that fills `row` (width,), which has no meaning afterwards; before the first `step`."""
+        still, turn, protection = np.zeros(3), np.eye(3), self.protection
         rendered, field = self._render_nothing(0.0), np.zeros((self._device.sensors, 3))
         body = rendered.object
         fill_row(

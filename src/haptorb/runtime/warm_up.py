@@ -130,10 +130,9 @@ class Compilation:
     def compile_controller(self) -> Iterator[None]:
         """Compile the controller with the first world, one part per iteration.
 
-        The order keeps what is compiled twice small. The servo's process compiles its simulated device, then allocation
-        and row (`Tick.load_row`), then the rest. Here, estimator and the currents' limits come first where the device
-        acts directly: its allocation is short and its estimator long. The estimator of a motor shares code with the
-        simulated device, and comes last.
+        The order keeps what is compiled twice small. The servo's process compiles its simulated device, then the
+        allocation, then what fills a row, then the rest; here that comes in the opposite order. The estimator is first
+        where the device acts directly; that of a motor shares code with the simulated device, and comes last.
         """
         with suppress(HaptorbError):
             chain, row = self.make_tick(), self._make_row()
@@ -142,9 +141,14 @@ class Compilation:
             early = not device.kind.modes
             if early:
                 yield from self._compile_estimator(chain)
-                sample, still = chain.driver.read(0.0), np.zeros(device.channels)
-                chain.protection.protect_currents(still, _IdleEstimator(device).update(sample), sample, still.copy())
-                yield
+            sample, still = chain.driver.read(0.0), np.zeros(device.channels)
+            estimate = _IdleEstimator(device).update(sample)
+            chain.protection.protect_currents(still, estimate, sample, still.copy())
+            yield
+            chain.protection.protect_wrench(np.zeros(6), estimate, sample.t)
+            yield
+            chain.load_row(row)
+            yield
             for n, one in enumerate((world, *list_companions(device, world))):
                 dry_run(chain, one, row, 1e-3 * n)
                 yield
