@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import subprocess
@@ -125,7 +126,7 @@ def test_a_postponed_kernel_can_be_called_by_others_and_sent_elsewhere() -> None
 
 def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
     from numba import njit
-    from numba.core.event import RecordingListener, install_listener
+    from numba.core.dispatcher import Dispatcher
 
     load_compiler()
     double: Any = kernel(_double)
@@ -134,12 +135,9 @@ def test_a_kernel_is_compiled_once_for_all_constants_that_others_pass() -> None:
         return double(1) + double(2) + double(3)  # type: ignore[no-any-return]
 
     compiled: Any = njit(total)  # without a cache, so that what it calls is compiled now
-    compilations = RecordingListener()
-    with install_listener("numba:compile", compilations):
-        assert compiled() == 12
-    begun = [event.data for _, event in compilations.buffer if event.is_start]
-    of_double = [data["args"] for data in begun if data["dispatcher"].py_func is _double]
-    assert [str(types) for types in of_double] == ["(int64,)"]
+    assert compiled() == 12
+    dispatchers = [one for one in gc.get_objects() if isinstance(one, Dispatcher) and one.py_func is _double]
+    assert [str(types) for one in dispatchers for types in one.signatures] == ["(int64,)"]
 
 
 def _double(number: int) -> int:
