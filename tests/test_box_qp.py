@@ -161,8 +161,8 @@ def test_hard_equations_of_any_number_are_met_or_refused_with_a_reason(n):
 
 def digest():
     """Of the results of both solvers and of the allocation that uses them."""
-    from haptorb.control.limited_currents import solve_compromise
     from haptorb.control.minimum_power import solve_bounded_power, solve_least_heat
+    from haptorb.control.saturation import solve_compromise
 
     rng, out = np.random.default_rng(0), hashlib.sha256()
     for number in range(200):

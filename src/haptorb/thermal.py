@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ __all__ = [
     "resistance_ratio",
     "single_time_constant",
     "warm_ratio",
+    "winding_temperature",
 ]
 
 
@@ -27,14 +29,25 @@ __all__ = [
 # Resistance of a winding by its temperature.
 
 
-def resistance_ratio(coefficient: float, reference: float, temperature: Array) -> Array:
-    """(m,) resistance over that at `reference` [K], of windings at `temperature` (m,) [K]; coefficient in [1/K].
+Temperature = TypeVar("Temperature", float, Array)
+
+
+def resistance_ratio(coefficient: float, reference: float, temperature: Temperature) -> Temperature:
+    """Resistance over that at `reference` [K], of one or (m,) windings at `temperature` [K]; coefficient in [1/K].
 
     >>> resistance_ratio(3.93e-3, 293.15, np.array([293.15, 393.15])).tolist()
     [1.0, 1.393]
     """
-    ratio: Array = 1 + coefficient * (temperature - reference)
-    return ratio
+    return 1 + coefficient * (temperature - reference)
+
+
+def winding_temperature(coefficient: float, reference: float, ratio: Temperature) -> Temperature:
+    """Temperature [K] of one or (m,) windings whose resistance is `ratio` times that at `reference` [K].
+
+    >>> winding_temperature(3.93e-3, 293.15, np.array([1.0, 1.393])).round(2).tolist()
+    [293.15, 393.15]
+    """
+    return reference + (ratio - 1) / coefficient
 
 
 @kernel

@@ -19,6 +19,7 @@ from haptorb.estimation.hall_tracker import coil_error
 from haptorb.estimation.types import Sample
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.registry import is_real, real_driver
+from haptorb.thermal import resistance_ratio
 
 __all__ = [
     "RATE",
@@ -111,7 +112,7 @@ def compose_calibration(
 ) -> Calibration:
     """Compose a calibration from the steps' results: `ambient` (m,) [K], `resistance` (m,) [Ω] at that temperature."""
     coils = device.coils
-    cold = resistance / (1 + coils.temperature_coefficient * (ambient - coils.reference_temperature))
+    cold = resistance / resistance_ratio(coils.temperature_coefficient, coils.reference_temperature, ambient)
     return Calibration(
         device.name, device.digest, found.moment_per_current, found.uncertainty, found.offsets, cold,
         found.residual, found.condition, found.repeatability, heat, simulated,

@@ -19,6 +19,7 @@ from haptorb.estimation.heat_calibration import (
     network_identification,
     thermal_identification,
 )
+from haptorb.thermal import resistance_ratio, winding_temperature
 
 __all__ = ["HEATING", "HeatingResult", "HeatingSchedule", "identify_heat"]
 
@@ -99,6 +100,7 @@ def identify_heat(
     plan = [coil for coil in watched for _ in range(hot)] + [_NO_COIL] * cool  # coil driven in each second
     hottest, start, record = coils.heat.warn - _STOP_MARGIN_K, session.now(), _Record(len(watched))
     ohms = np.array(resistance, dtype=np.float64)
+    at_reference = ohms / resistance_ratio(coils.temperature_coefficient, coils.reference_temperature, cold)
     n = lost = 0
     while n < len(plan):
         duties = np.zeros(device.channels)
@@ -125,7 +127,7 @@ def identify_heat(
         volts = np.abs(applied) * device.supply.voltage
         _check_currents(device, np.abs(currents), volts / resistance, watched)
         ohms[watched] = volts[watched] / np.abs(currents[watched])
-        warm = cold + (ohms / resistance - 1) / coils.temperature_coefficient
+        warm = winding_temperature(coils.temperature_coefficient, coils.reference_temperature, ohms / at_reference)
         record.append(
             (n + 0.6) * _BIN_S, warm[watched], edge[watched]
         )  # readings are averaged over the last four fifths

@@ -22,6 +22,7 @@ from haptorb.estimation.heat_calibration import (
 )
 from haptorb.file_kind import FileKind
 from haptorb.files import read_text
+from haptorb.thermal import winding_temperature
 
 __all__ = ["ThermalRecord", "thermal_record"]
 
@@ -160,7 +161,7 @@ def _from_recording(path: Path, device: Device) -> HeatRecord:
 
     coils = device.coils
     ratio = mean(resistance) / coils.resistance[used]
-    warm = coils.reference_temperature + (ratio - 1) / coils.temperature_coefficient
+    warm = winding_temperature(coils.temperature_coefficient, coils.reference_temperature, ratio)
     winding = np.where(np.sqrt(mean(currents**2)) > _MIN_CURRENT_A, warm, np.nan)
     temperature = mean(boundary)
     start = t[0] + _BIN_S * np.unique(bins)

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, Records, check_finite, fields, record
 from haptorb.compiled import kernel, tick_kernel
-from haptorb.control.limited_currents import (
+from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power
+from haptorb.control.saturation import (
     SATURATIONS,
     WRENCH_LIMITS,
     Saturation,
@@ -20,7 +21,6 @@ from haptorb.control.limited_currents import (
     scale_to_power,
     solve_compromise,
 )
-from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, WrenchMap
 from haptorb.devices.electromagnet import SphericalElectromagnet

@@ -22,8 +22,8 @@ from haptorb.control.allocation import (
     solve_problem,
     subtract_passive,
 )
-from haptorb.control.limited_currents import WRENCH_LIMITS, Saturation, scale_to_limits
 from haptorb.control.minimum_power import NOT_FINITE, solve_bounded_power, solve_least_heat
+from haptorb.control.saturation import WRENCH_LIMITS, Saturation, scale_to_limits
 from haptorb.devices.base import WrenchMap
 from haptorb.devices.coil_array import CoilArray
 from haptorb.worlds.base import PARTS, WrenchPart

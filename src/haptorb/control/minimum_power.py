@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, check_finite, vectors
 from haptorb.box_qp import GIVEN, NOT_CONVERGED, SCALED, dual_newton, orthonormal_rows
 from haptorb.compiled import exact_kernel
-from haptorb.control.limited_currents import reach, zonotope_nearest
+from haptorb.control.saturation import reach, zonotope_nearest
 from haptorb.errors import InputError
 
 __all__ = ["NEAREST", "NOT_FINITE", "minimum_power_currents", "solve_bounded_power", "solve_least_heat"]

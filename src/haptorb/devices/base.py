@@ -609,7 +609,7 @@ class Coils:
     @property
     def copper_resistivity(self) -> float:
         """Of annealed copper at the reference temperature [Ω·m], with the coils' temperature coefficient."""
-        return COPPER_RESISTIVITY * (1 + self.temperature_coefficient * (self.reference_temperature - ROOM))
+        return COPPER_RESISTIVITY * resistance_ratio(self.temperature_coefficient, ROOM, self.reference_temperature)
 
     def resistance_at(self, temperature: Array) -> Array:
         """(m,) resistance [Ω] at winding `temperature` (m,) [K]."""
@@ -1007,8 +1007,8 @@ def endurance(device: Device, shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
     # Of coils that warm no other the one that heats fastest is all there is to compute.
     model = heat.network(device.channels) if heat.coupling is not None else heat.network(1)
     cold = coils.resistance_at(np.full(device.channels, heat.ambient))
-    alpha = coils.temperature_coefficient / (
-        1 + coils.temperature_coefficient * (heat.ambient - coils.reference_temperature)
+    alpha = coils.temperature_coefficient / resistance_ratio(
+        coils.temperature_coefficient, coils.reference_temperature, heat.ambient
     )
     rows = []
     for share in shares:

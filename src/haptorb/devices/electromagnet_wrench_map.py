@@ -1,4 +1,4 @@
-"""Wrench of coils around a soft core on the tool: two point dipoles, a dipole and a ring, or true sizes.
+"""Wrench of coils around a soft core on the tool: coils as dipoles and the magnet as a ring, or all at true size.
 
 All answer with a map (6, m): force and torque about the magnet's centre per ampere, and what the core does by itself.
 """

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.limited_currents import Saturation
+from haptorb.control.saturation import Saturation
 from haptorb.display import curves_svg, facts_html, format_quantity
 from haptorb.errors import RecordingError, RecordingWarning, UnknownName, quote
 from haptorb.file_kind import FileKind

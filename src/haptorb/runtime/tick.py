@@ -20,9 +20,9 @@ from haptorb.compiled import kernel, tick_kernel
 from haptorb.compiled import load_compiler as load_compiler
 from haptorb.control.allocation import PART_NUMBERS, Allocation, Allocator, WrenchChoice
 from haptorb.control.gripper import GripperGuard
-from haptorb.control.limited_currents import Saturation
 from haptorb.control.linkage import MODES, Direct, Linkage, Mode, RenderedWrench
 from haptorb.control.protection import Protection
+from haptorb.control.saturation import Saturation
 from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.devices.gripper import find_gripper

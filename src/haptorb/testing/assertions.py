@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptorb.arrays import Array
-from haptorb.control.limited_currents import Saturation
+from haptorb.control.saturation import Saturation
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.errors import InputError, quote

@@ -14,7 +14,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.beams import Hook, compliance, compute_bent_shape
-from haptorb.control.limited_currents import Saturation
+from haptorb.control.saturation import Saturation
 from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import Device, device_function
 from haptorb.devices.coil_array import CoilArray, array_geometry

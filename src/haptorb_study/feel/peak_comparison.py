@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.control.limited_currents import Saturation
+from haptorb.control.saturation import Saturation
 from haptorb_study.feel.course import InsertionForces, force_along
 from haptorb_study.feel.designs import Candidate
 from haptorb_study.feel.trace import COLUMNS, HAND

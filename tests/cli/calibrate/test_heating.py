@@ -79,6 +79,28 @@ def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
     assert torn.found.residual < 2 * whole.found.residual + 0.1
 
 
+@pytest.mark.parametrize("ambient", [288.15, 308.15])
+def test_a_room_that_is_warmer_or_colder_than_the_reference(ambient: float) -> None:
+    """A winding's temperature is that at which its resistance, stated at 20 °C, is the measured one.
+
+    Of a record without a cold start of the wire's coefficient: R(T) = R20 (1 + α (T − 20 °C)).
+    """
+    heat = replace(OMNI.coils.heat, ambient=ambient)
+    device = replace(OMNI, coils=replace(OMNI.coils, heat=heat))
+    found, rises = [], []
+    for one in (OMNI, device):
+        driver = Hesitant(())
+        driver.inner, driver.pace = make_driver("sim", one, 5)
+        with driver:
+            resistance = one.coils.resistance_at(np.full(3, one.coils.heat.ambient))
+            result = identify_heat(DriverSession(one, driver, driver.pace), one, resistance, COURSE)
+        seconds, power = COURSE.seconds(one), (20.0, 0.0, 0.0)
+        found.append(result.found.network.rise(seconds, power)[:3])
+        rises.append(draw_network(one).rise(seconds, power)[:3])
+    errors = [known / true - 1 for known, true in zip(found, rises, strict=True)]
+    assert errors[1] == pytest.approx(errors[0], abs=0.02)
+
+
 def test_any_other_trip_ends_the_step() -> None:
     driver = Hesitant((7.3,), DriverError)
     with pytest.raises(DriverError, match="a test wanted it"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from haptorb.control.limited_currents import find_reach
+from haptorb.control.saturation import find_reach
 
 
 @pytest.mark.parametrize("channels", [4, 25, 100])

@@ -13,7 +13,7 @@ from haptorb.control.allocation import (
     torque_allocator,
 )
 from haptorb.control.array_allocation import array_choice
-from haptorb.control.limited_currents import Saturation, scale_to_power
+from haptorb.control.saturation import Saturation, scale_to_power
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.errors import InputError

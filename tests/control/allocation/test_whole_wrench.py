@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import brentq
 
 from haptorb.control.allocation import TORQUE_ARM, WholeWrenchAllocator, check_arm, tool_choice
-from haptorb.control.limited_currents import AT_CURRENT, AT_POWER, FREE, Saturation, solve_compromise
+from haptorb.control.saturation import AT_CURRENT, AT_POWER, FREE, Saturation, solve_compromise
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.errors import InputError

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from haptorb.control.array_allocation import ArrayAllocator, array_choice
-from haptorb.control.limited_currents import Saturation
+from haptorb.control.saturation import Saturation
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.errors import InputError

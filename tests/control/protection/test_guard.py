@@ -99,7 +99,7 @@ def test_the_supply_gives_no_more_than_its_power_whatever_is_wanted():
         assert np.allclose(out / out[0], np.array(wanted) / wanted[0])
 
 
-def test_limited_currents_keep_their_direction():
+def test_saturation_keep_their_direction():
     loop = Loop().run()
     for _ in range(50):
         out = loop.tick((80.0, -20, 10))

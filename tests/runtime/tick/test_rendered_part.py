@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from haptorb import worlds
-from haptorb.control.limited_currents import Saturation
 from haptorb.control.registry import make_allocator, make_choice
+from haptorb.control.saturation import Saturation
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load

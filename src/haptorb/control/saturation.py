@@ -1,4 +1,4 @@
-"""Currents within the limits of coils, supply and wrench: scaled to them, and how far they can reach."""
+"""Saturation: currents scaled to the limits of coils, supply and wrench, their reach, and the nearest compromise."""
 
 from __future__ import annotations
 
