@@ -41,6 +41,13 @@ choices = ["left", "right"]
 CONTROLS = {"button", "textbox", "spinbutton", "application", "img", "image", "progressbar", "region", "group", "table"}
 
 
+#: nobody switches on what is off because the session is over
+GO_ON = """{
+  const button = document.getElementById("engage");
+  if (button.checkVisibility() && study.view?.state !== "done") button.click();
+}"""
+
+
 def nameless_roles(page: Any) -> list[str]:
     """Roles of controls to which the browser's accessibility tree gives no name."""
     session = page.context.new_cdp_session(page)
@@ -85,9 +92,9 @@ class Run:
         end = time.monotonic() + 90
         while not page.evaluate(expression):
             assert time.monotonic() < end, (expression, page.evaluate("JSON.stringify(study.view)"), self.troubles)
-            # A busy test machine misses deadlines, and the guard switches off: as an experimenter would, go on.
-            if self.experimenter.locator("#engage").is_visible():
-                self.experimenter.locator("#engage").click()
+            # A busy test machine misses deadlines, and the guard switches off: as an experimenter would, go on. In one
+            # step: a click of Playwright's waits for half a minute if the button has gone meanwhile.
+            self.experimenter.evaluate(GO_ON)
             page.wait_for_timeout(40)
 
     def receive(self, page: Any, element: str, words: str) -> None:
@@ -188,6 +195,7 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     assert not faults, "\n".join(faults)
 
     # By pointer: the pen is dragged, a number clicked, then confirmed.
+    run.until(page, "document.getElementById('pad').checkVisibility()")  # not where the guard has switched off
     box = page.locator("#pad").bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(*middle)
@@ -231,8 +239,8 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     page.get_by_role("button", name="right").click()
     run.state(page, "done")
     run.receive(page, "#polite", "Thank you")
-    experimenter_page.get_by_text("The last session is complete.").wait_for()
-    experimenter_page.get_by_text("Free: P02. Taken: P01 (finished).").wait_for()
+    run.receive(experimenter_page, "#last", "The last session is complete.")
+    run.receive(experimenter_page, "#taken", "Free: P02. Taken: P01 (finished).")
     assert not run.troubles
     with sqlite3.connect(folder / "s.db") as raw:
         rows = raw.execute("SELECT number, answer, recording, x FROM trials ORDER BY number").fetchall()
