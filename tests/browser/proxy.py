@@ -25,12 +25,14 @@ class Proxy:
         self._running = threading.Event()
         self._running.set()
         self._open: list[socket.socket] = []
+        self._upgraded: set[socket.socket] = set()
         threading.Thread(target=self._accept, daemon=True).start()
 
     def pause(self) -> None:
-        """End every connection, and answer no new one."""
+        """End every connection, and answer no new one. Web sockets are last: at their end the page asks anew, and if
+        its question took another connection that ends now, it would hear of a server that has gone."""
         self._running.clear()
-        for one in self._open:
+        for one in sorted(self._open, key=self._upgraded.__contains__):
             with suppress(OSError):
                 one.shutdown(socket.SHUT_RDWR)
 
@@ -62,6 +64,8 @@ class Proxy:
             assert path.startswith(self._prefix + b"/"), path
             if b"upgrade: websocket" not in rest.lower():
                 rest = b"Connection: close\r\n" + rest.replace(b"Connection: keep-alive\r\n", b"")
+            else:
+                self._upgraded.add(plain)
             with socket.create_connection(("127.0.0.1", self.target)) as back:
                 back.sendall(b" ".join([word, path[len(self._prefix) :], version]) + b"\r\n" + rest)
                 up = threading.Thread(target=self._copy, args=(front, back), daemon=True)
