@@ -26,7 +26,7 @@ from zlib import crc32
 import numpy as np
 
 from haptorb.arrays import Array, gauss_legendre
-from haptorb.compiled import kernel, pack, part
+from haptorb.compiled import kernel, pack, part, vector_kernel
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.motor import SphericalMotor
 from haptorb.devices.weight_regulator import Regulator
@@ -98,7 +98,7 @@ def _turn(R: Array, vectors: Array, out: Array) -> None:
             out[a, i] = R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
 
 
-@kernel
+@vector_kernel
 def fill_torque(m: MotorTruth, strength: Array, R: Array, K: Array) -> None:
     """K (3, m) [N·m/A]: torque on the rotor at R (3, 3) per ampere in each channel; strength (p,) of the magnets."""
     count, rows = m.magnets.shape[0], m.torque_cells.shape[0] // m.coils.shape[0]
@@ -142,7 +142,7 @@ def fill_torque(m: MotorTruth, strength: Array, R: Array, K: Array) -> None:
             K[2, channel] += c * m.groups[j, channel]
 
 
-@kernel
+@vector_kernel
 def fill_field(m: MotorTruth, strength: Array, R: Array, out: Array) -> None:
     """out (k, 3) [T]: field of the magnets at the sensors' true places, the rotor at R (3, 3); strength (p,)."""
     count, last, cells, scale = m.axes.shape[0], m.field_cells.shape[0] - 1, m.field_cells, m.field_scale
