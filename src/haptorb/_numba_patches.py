@@ -137,14 +137,18 @@ def _postpone_cache(numba: Any, compiled: Any, folder: str) -> None:
     """Open the cache of `compiled`, a dispatcher, in `folder` at its first call.
 
     numba checks the folder of every dispatcher by writing a file into it; most kernels are never called in a process.
+    numba's own lock, which a thread may take again, is held: the folder is a setting of the whole process, and another
+    thread that calls the kernel meanwhile must find its cache.
     """
     compile_uncached = compiled.compile
 
     def compile_cached(signature: Any) -> Any:
-        compiled.compile = compile_uncached
-        with _cache_in(numba, folder):
-            compiled.enable_caching()
-        return compile_uncached(signature)
+        with numba.core.compiler_lock.global_compiler_lock:
+            if compiled.compile is compile_cached:
+                with _cache_in(numba, folder):
+                    compiled.enable_caching()
+                compiled.compile = compile_uncached
+            return compile_uncached(signature)
 
     compiled.compile = compile_cached
 
@@ -157,12 +161,13 @@ def _vectorize_loops(numba: Any, compiled: Any) -> None:
     compile_plainly = compiled.compile
 
     def compile_to_vectors(signature: Any) -> Any:
-        usual = numba.config.LOOP_VECTORIZE
-        numba.config.LOOP_VECTORIZE = 1
-        try:
-            return compile_plainly(signature)
-        finally:
-            numba.config.LOOP_VECTORIZE = usual
+        with numba.core.compiler_lock.global_compiler_lock:  # the setting is one of the whole process
+            usual = numba.config.LOOP_VECTORIZE
+            numba.config.LOOP_VECTORIZE = 1
+            try:
+                return compile_plainly(signature)
+            finally:
+                numba.config.LOOP_VECTORIZE = usual
 
     compiled.compile = compile_to_vectors
 

@@ -25,7 +25,7 @@ PACED = """
 
 
 @pytest.fixture
-def governed(tmp_path):
+def find_levels(tmp_path):
     """A function from the times between frames [ms] to the level after each of them: the page's own control."""
     web = Path(__file__).parents[2] / "web"
     tool = shutil.which("node")
@@ -84,16 +84,16 @@ def test_late_frames_lower_the_level_and_brisk_ones_raise_it(staged, browser):
     context.close()
 
 
-def test_what_was_tried_and_failed_is_not_tried_again_soon(governed):
+def test_what_was_tried_and_failed_is_not_tried_again_soon(find_levels):
     late, brisk = [90] * 40, [18] * 400
-    told = governed([*late, *brisk, *late, *brisk, *brisk])
+    told = find_levels([*late, *brisk, *late, *brisk, *brisk])
     steps = [(k, level) for k, (level, before) in enumerate(zip(told[1:], told, strict=False), 1) if level != before]
     assert [level for _, level in steps] == ["layered", "least", "layered", "least", "layered"]
     down, up, again, later = (k for k, _ in steps[1:])
     assert up - down > 200
     assert later - again > 1.7 * (up - down)
-    assert set(governed([600] * 300)) == {"full"}, "a picture that did not move says nothing about speed"
-    assert set(governed([33] * 600)) == {"full"}, "thirty frames a second are a screen's own pace"
+    assert set(find_levels([600] * 300)) == {"full"}, "a picture that did not move says nothing about speed"
+    assert set(find_levels([33] * 600)) == {"full"}, "thirty frames a second are a screen's own pace"
 
 
 def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):

@@ -4,8 +4,8 @@ of a process that has loaded what all of them load.
 `ForkServer` starts this file as a process of its own, which loads the packages once and copies itself for every
 `python -m haptorb...`. A copy is a child of the test's process, as one that was started, and runs the module from its
 first line. `start_program` copies it for a program, whose own processes are copies as well: the program has a process
-like this one. What a start itself does is tested where nothing is copied: tests/runtime, the newcomers' tests and
-what documentation and examples run.
+like this one. What a start itself does is tested where nothing is copied: tests/runtime/test_first_start.py, the
+newcomers' tests, and what documentation and examples run.
 """
 
 from __future__ import annotations

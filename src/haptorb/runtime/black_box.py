@@ -118,7 +118,7 @@ class BlackBox:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with replace_file(folder / name) as part, part.open("wb") as file:
-                from haptorb.recording.mcap import Recorder  # only a trip needs it
+                from haptorb.recording.mcap import Recorder  # loaded by the servo's start, not by the import of haptorb
 
                 recorder = Recorder(file, self._shared.layout, self._rate, time_ns() - monotonic_ns())
                 trip = tripped.trip

@@ -376,12 +376,14 @@ class Servo:
         if tracker is not None:
             self.tracker_token = tracker.token
             self._children.track(tracker, self.config.frame)
-        # Load the code of `report` now: while the loop runs it would delay this program's heartbeat.
+        # Load the code of reports, trips' recordings and the watcher now: while the loop runs it would delay the
+        # heartbeat of this program.
         import_module("numpy.ma")
-        self._children.wait_until_running()
+        import_module("haptorb.recording.mcap")
         if self.config.world_file is not None:
             from haptorb.runtime.world_loading import WorldWatcher  # loads the compiler
-
+        self._children.wait_until_running()
+        if self.config.world_file is not None:
             self._watcher = WorldWatcher(
                 self.config.world_file, self.config.world, self.device, self._reload, lambda: self.world
             )
