@@ -1,6 +1,7 @@
 """The command line: output, errors and exit codes."""
 
 import json
+import signal
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ import pytest
 
 import haptorb
 from haptorb.cli import main
+from haptorb.runtime.linux import Termination
 from oracles import groove
 from oracles.command import run_command
 
@@ -243,3 +245,28 @@ def test_a_world_of_the_user_s_own_is_checked_with_values_in_any_unit(capsys):
     code, _, err = run_command(capsys, *world, "--set", "stifness=1")
     assert code == 2
     assert "did you mean 'stiffness'" in err
+
+
+@pytest.mark.parametrize(("interruption", "code"), [(KeyboardInterrupt(), 130), (Termination(signal.SIGTERM), 143)])
+def test_a_signal_while_a_library_is_loaded_ends_the_command_silently(interruption, code, monkeypatch, capsys):
+    """pybind11 turns an exception that comes while it loads a library into an ImportError, with that one as its cause.
+    scipy's HiGHS is such a library."""
+
+    def load(_):
+        try:
+            raise interruption
+        except BaseException as cause:
+            raise ImportError("initialization failed") from cause
+
+    monkeypatch.setattr("haptorb.cli.program.main", load)
+    assert main(["devices"]) == code
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_library_that_cannot_be_loaded_is_no_interruption(monkeypatch):
+    def load(_):
+        raise ImportError("libgomp.so.1: cannot open shared object file") from OSError("missing")
+
+    monkeypatch.setattr("haptorb.cli.program.main", load)
+    with pytest.raises(ImportError, match="libgomp"):
+        main(["devices"])

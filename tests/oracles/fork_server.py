@@ -4,8 +4,10 @@ of a process that has loaded what all of them load.
 `ForkServer` starts this file as a process of its own, which loads the packages once and copies itself for every
 `python -m haptorb...`. A copy is a child of the test's process, as one that was started, and runs the module from its
 first line. `start_program` copies it for a program, whose own processes are copies as well: the program has a process
-like this one. What a start itself does is tested where nothing is copied: tests/runtime/test_first_start.py, the
-newcomers' tests, and what documentation and examples run.
+like this one; at night (`LONG`) it starts the program itself, in the usual way, so that each of these tests also sees a
+program that has loaded nothing before. What a start does is tested where nothing is copied, in every suite:
+tests/runtime/test_first_start.py, two ends in tests/runtime/test_safety.py, the newcomers' tests, and what
+documentation and examples run.
 """
 
 from __future__ import annotations
@@ -89,8 +91,12 @@ class ForkServer:
 
     def start_program(self, *words: str, **options: Any) -> subprocess.Popen[Any]:
         """As `subprocess.Popen([sys.executable, *words], **options)`, a copy; `words`: `-c CODE ...`, `-m MODULE ...`
-        or `FILE ...`. Its import path is that of this process, its session one of its own."""
+        or `FILE ...`. Its import path is that of this process, its session one of its own; no copy at night."""
+        from oracles.repetitions import LONG  # here, as this file is a program as well
+
         options.setdefault("start_new_session", True)
+        if LONG:
+            return subprocess.Popen([sys.executable, *words], **options)
         return _ForkedProcess(self, {"program": words}, [sys.executable, *words], **options)
 
     def start_haptorb(self, *words: str, **options: Any) -> subprocess.Popen[Any]:

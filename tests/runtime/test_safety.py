@@ -6,6 +6,7 @@ import os
 import random
 import signal
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -194,11 +195,19 @@ with servo:
 """
 
 
-def _script(tmp_path: Path, record: str) -> tuple[subprocess.Popen[str], int, int, Path, Path, Path]:
+def _script(
+    tmp_path: Path, record: str, *, copied: bool = True
+) -> tuple[subprocess.Popen[str], int, int, Path, Path, Path]:
+    """A program with a servo, which runs: a copy of a process that has loaded its packages, or started as a person
+    starts it."""
     file = tmp_path / "script.py"
     file.write_text(_SCRIPT)
     pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
-    process = get_fork_server().start_program(str(file), record, text=True, **pipes)
+    process: subprocess.Popen[str] = (
+        get_fork_server().start_program(str(file), record, text=True, **pipes)
+        if copied
+        else subprocess.Popen([sys.executable, str(file), record], text=True, **pipes)
+    )
     assert process.stdout is not None
     line = process.stdout.readline().split()
     assert line, process.communicate()[1]
@@ -207,7 +216,7 @@ def _script(tmp_path: Path, record: str) -> tuple[subprocess.Popen[str], int, in
 
 
 def test_parent_killed(tmp_path: Path) -> None:
-    process, servo, recorder, shared, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"))
+    process, servo, recorder, shared, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"), copied=False)
     process.kill()
     process.communicate()
     _until(lambda: _is_gone(servo) and _is_gone(recorder))
@@ -241,7 +250,7 @@ def test_parent_stopped_then_gone_on(tmp_path: Path) -> None:
 
 
 def test_interrupted_from_the_keyboard(tmp_path: Path) -> None:
-    process, servo, recorder, shared, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"))
+    process, servo, recorder, shared, path, _ = _script(tmp_path, str(tmp_path / "a.mcap"), copied=False)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
     assert _is_gone(servo)

@@ -20,9 +20,22 @@ def main(arguments: list[str] | None = None) -> int:
         return run(arguments)
     except KeyboardInterrupt:
         return 130
+    except ImportError as failure:  # of a library in C++ whose loading a signal interrupted
+        interruption = _find_interruption(failure)
+        if interruption is None:
+            raise
+        return 128 + int(getattr(interruption, "number", signal.SIGINT))
     finally:
         if arguments is None and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # ^C while the interpreter ends is silent, too
+
+
+def _find_interruption(failure: BaseException) -> BaseException | None:
+    """Return the exception of the signal (Ctrl-C, SIGTERM, SIGHUP) that caused `failure`, if one did."""
+    cause: BaseException | None = failure
+    while isinstance(cause, Exception):
+        cause = cause.__cause__ or cause.__context__
+    return cause
 
 
 def _print_unless_interrupted(kind: type[BaseException], cause: BaseException, trace: TracebackType | None) -> None:

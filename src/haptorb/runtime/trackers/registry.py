@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.runtime.drivers.registry import is_real
 from haptorb.runtime.trackers.base import Feed
 
 if TYPE_CHECKING:
@@ -44,8 +45,6 @@ def has_feed(name: str) -> bool:
 
 def check_tracker(name: str, driver: str = "sim") -> str:
     """Return `name`; UnknownName or InputError if it is not a tracker, or not for `driver`. Nothing is opened."""
-    from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
-
     if not has_feed(name):
         return name
     kind = _KINDS.get(name.partition(":")[0])
@@ -118,8 +117,6 @@ def prepare_tracker(name: str) -> Preparation:
 
 def check_frame(frame: TrackerFrame, device: Device, tracker: str, driver: str = "sim") -> TrackerFrame:
     """Return `frame`; InputError or CalibrationError if it is not valid for `tracker` with `device`."""
-    from haptorb.runtime.drivers.registry import is_real  # loads the compiler, which many need not
-
     if not has_feed(tracker) or tracker.startswith("replay:"):
         raise InputError(
             f"tracker '{tracker}' already reports poses in the stator's frame; leave out the frame, which is for "
