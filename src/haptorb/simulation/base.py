@@ -138,6 +138,9 @@ class Simulation(ABC):
 # Common part of the simulated kinds of device: coils behind a chopper, and integration in compiled steps.
 
 
+_KEPT_HEAT_STEPS = 8  #: lengths of steps whose thermal step is kept
+
+
 class CoilSimulation(Simulation):
     """Simulation with (m,) COIL and a state (1,) whose fields `dt` and `steps` control the compiled integration."""
 
@@ -146,6 +149,7 @@ class CoilSimulation(Simulation):
         self._state, self._coils, self._longest = state, coils, longest
         self._steps_of_duty = float(2**duty_bits)
         self._last_dt, self._t = 0.0, 0.0
+        self._heat_steps: dict[float, Records] = {}  #: step [s] → the state's `heat`
 
     def cool(self) -> None:
         """Set the coils to the ambient temperature; currents do not change."""
@@ -172,8 +176,21 @@ class CoilSimulation(Simulation):
             steps = max(ceil(dt / self._longest - 1e-9), 1)
             self._last_dt = dt
             self._state["dt"], self._state["steps"] = dt / steps, steps
-            self._fill_heat(dt / steps)
+            self._set_heat_step(dt / steps)
         return dt > 0.0
+
+    def _set_heat_step(self, step: float) -> None:
+        """Set the state's thermal step. Those of the last few lengths are kept: after a missed tick two periods pass at
+        once, and to compute the step anew takes as long as a tick at 4 kHz, so that the next one would be missed too.
+        """
+        kept = self._heat_steps.get(step)
+        if kept is not None:
+            self._state["heat"] = kept
+            return
+        self._fill_heat(step)
+        if len(self._heat_steps) == _KEPT_HEAT_STEPS:
+            del self._heat_steps[next(iter(self._heat_steps))]
+        self._heat_steps[step] = self._state["heat"].copy()
 
     @property
     def currents(self) -> Array:

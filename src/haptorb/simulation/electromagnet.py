@@ -425,6 +425,7 @@ class SimulatedElectromagnet(CoilSimulation):
         self._senses["generator"] = seed_noise(seed)
         self._coils = cold_coils(self.device)
         self._heat, self._last_dt = draw_network(self.device, self._specimen), 0.0
+        self._heat_steps.clear()
         self._state["core_temperature"] = self.device.coils.heat.ambient
         self._state["wrench"] = self._state["depth"] = 0.0
         for name in ("lagging", "play", "extra"):
