@@ -1,4 +1,4 @@
-// One word for how it is, with a colour, a reason and what to do: never a colour alone.
+// Status of the run as a word with a colour, the reason and what to do; never as a colour alone.
 
 import type { Sample } from "./sample";
 import type { Session } from "./session";
@@ -8,24 +8,24 @@ export type Tone = "good" | "warn" | "bad" | "off";
 export interface Status {
   word: string;
   tone: Tone;
-  /** why, and what to do; empty if there is nothing to say */
+  /** cause, and what to do; may be empty */
   reason: string;
-  /** whether a person may engage again */
+  /** whether re-engaging is possible */
   engageable: boolean;
 }
 
-/** Which part of the page's world is silent. */
+/** State of server, servo and device that is not in the sample. */
 export interface Silence {
   disconnected: boolean;
-  /** there is no server any more; else it is only slow to answer */
+  /** while disconnected: no server responds at all; otherwise it is only slow */
   gone: boolean;
   servoEnded: boolean;
   stale: boolean;
-  /** the coils' state in the last row that came: it stays true of a device that nobody handlers any more */
+  /** coil state in the last row received; still valid for a device that has lost its servo */
   coils: number;
-  /** which pose is waited for, in the server's words; empty while poses are valid */
+  /** the server's text about the missing pose; empty while poses are valid */
   missingPose: string;
-  /** the program that commanded at the last trip; empty: none */
+  /** program that commanded at the last trip; empty: none */
   tripProgram: string;
 }
 
@@ -98,7 +98,7 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
 
 const sentence = (text: string): string => `${text[0]!.toUpperCase()}${text.slice(1)}.`;
 
-/** Seconds as a person says them; empty when it is not worth saying. */
+/** Format a time as min or s; empty if it is longer than an hour or infinite. */
 export function duration(seconds: number): string {
   if (!Number.isFinite(seconds) || seconds > 3600) return "";
   if (seconds >= 90) return `${Math.round(seconds / 60)} min`;

@@ -1,4 +1,4 @@
-// How the handle moves the plug: two modes, the clutch between them, and where the plug is.
+// Linkage panel of a motor: mode, clutch, and pose and wrench of the object.
 
 import { norm, type Sample } from "../sample";
 import { angles } from "../scene/turn";
@@ -22,7 +22,7 @@ export class ModePanel {
     at("mode-clutch").addEventListener("click", () => this.clutch(!this.engaged));
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("keyup", (event) => this.up(event));
-    // A key that nobody sees come up again must not keep the plug let go.
+    // When the page loses the focus, no keyup event comes: clutch in, as if the key were released.
     addEventListener("blur", () => this.release());
   }
 
@@ -58,7 +58,7 @@ export class ModePanel {
     write(at("contact-forces"), pushes.map((force) => formatNumber(force, 1)).join(" · "));
   }
 
-  /** For those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string {
     const mode = WORDS[sample.number("mode")] ?? "";
     if (!mode) return "";

@@ -1,4 +1,4 @@
-// The numbers of this moment for a motor: torque, the handle's angles, and twelve channels in two columns.
+// Readouts of a motor: torque, angles of the handle, and current and temperature of each channel.
 
 import { norm, type Sample } from "../sample";
 import { angles, axis } from "../scene/turn";
@@ -60,7 +60,7 @@ export class MotorReadouts {
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "no limit");
   }
 
-  /** The same, as a sentence for those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string {
     const given = norm(sample.vector("wrench_actual", 3));
     if (!Number.isFinite(given)) return "";

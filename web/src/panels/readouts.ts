@@ -1,4 +1,4 @@
-// The numbers of this moment, ten times a second: faster than that nobody reads.
+// Readouts of force, torque, position, currents and temperatures.
 
 import { norm, spherical, type Sample } from "../sample";
 import type { Session } from "../session";
@@ -10,7 +10,7 @@ const KELVIN = 273.15;
 export class Readouts {
   private readonly cells: { current: HTMLElement; temperature: HTMLElement }[] = [];
   /** whether torque is shown */
-  private turned = false;
+  private showsTorque = false;
 
   constructor(private readonly session: Session) {
     const body = at("coils").querySelector("tbody")!;
@@ -28,7 +28,7 @@ export class Readouts {
   show(sample: Sample): void {
     write(at("asked"), formatNumber(norm(sample.vector("wrench_commanded")), 2));
     write(at("given"), formatNumber(norm(sample.vector("wrench_actual")), 2));
-    this.turn(sample);
+    this.showTorque(sample);
     this.place(sample);
     const currents = sample.list("current_measured");
     const windings = sample.list("winding");
@@ -42,20 +42,20 @@ export class Readouts {
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "no limit");
   }
 
-  /** Torque asked and given, and what limits it: shown once a world asks for torque, or a person chose it. */
-  private turn(sample: Sample): void {
+  /** Torque commanded and delivered, and its limit; shown if the world renders torque. */
+  private showTorque(sample: Sample): void {
     const part = sample.number("part");
     const asked = norm(sample.vector("wrench_commanded", 3));
-    if (!Number.isNaN(part)) this.turned = part > 0 || asked > 0;
-    at("turning").hidden = at("part").hidden = !this.turned;
-    if (!this.turned) return;
+    if (!Number.isNaN(part)) this.showsTorque = part > 0 || asked > 0;
+    at("turning").hidden = at("part").hidden = !this.showsTorque;
+    if (!this.showsTorque) return;
     write(at("torque-asked"), formatNumber(1000 * asked, 1));
     write(at("torque-given"), formatNumber(1000 * norm(sample.vector("wrench_actual", 3)), 1));
-    const held = this.session.saturations[sample.number("saturated")];
-    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Limited by ${held}.` : ""}`.trim());
+    const limit = this.session.saturations[sample.number("saturated")];
+    write(at("part"), `${this.session.parts[part] ?? ""}${limit ? ` Limited by ${limit}.` : ""}`.trim());
   }
 
-  /** Where the mover is. */
+  /** Position of the mover. */
   protected place(sample: Sample): void {
     const { tilt, azimuth, length } = spherical(sample.vector("p"));
     write(at("tilt"), formatNumber(tilt, 1));
@@ -63,7 +63,7 @@ export class Readouts {
     write(at("distance"), formatNumber(length * 1000, 1));
   }
 
-  /** The same, as a sentence for those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string {
     const given = norm(sample.vector("wrench_actual"));
     if (!Number.isFinite(given)) return "";

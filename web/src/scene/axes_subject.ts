@@ -1,22 +1,23 @@
-// Any device: the stator's axes, its coils where the server knows them, a marker where the mover is, the way that it
-// came, and the force on it.
+// Drawing of any device without a scene of its own: axes of the stator frame, coils if known, a marker for the mover with
+// its trail, and the force on it.
 
 import { BufferGeometry, Group, Line, LineBasicMaterial, MeshPhongMaterial, type Object3D, Vector3 } from "three";
 import type { Sample, Vector } from "../sample";
 import type { Scene, Session } from "../session";
 import { css, onThemeChange } from "../theme";
+import type { HandGoal } from "../wire";
 import { Arrow } from "./arrow";
 import { intersectPlane } from "./drag";
-import { Goal } from "./goal";
+import { HandGoalMarker } from "./hand_goal_marker";
 import { Marker, type Mover } from "./mover_drawing";
-import { chips, partsOf, placePart } from "./parts";
+import { fieldSensors, partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
-import type { Subject, Wish } from "./subject";
+import type { Subject } from "./subject";
 
 const MM = 1000;
-const AXIS = 60; // mm
-const LONGEST = 72; // mm of arrow at the greatest force
-const STEP = 1e-3; // m per step of a key
+const AXIS_LENGTH_MM = 60; // of a half axis
+const MAX_ARROW_MM = 72; // at the force limit
+const KEY_STEP_M = 1e-3;
 
 export class AxesSubject implements Subject {
   readonly hint: string = "drag the marker";
@@ -28,13 +29,13 @@ export class AxesSubject implements Subject {
   grasped = false;
   private readonly group = new Group();
   protected readonly mover: Mover;
-  private readonly goal: Goal;
+  private readonly goalMarker: HandGoalMarker;
   private readonly asked: Arrow;
   private readonly given: Arrow;
   private readonly arrowScale: number;
-  protected readonly wish: Vector3; // m
-  protected slip = { x: 0, y: 0 };
-  private readonly at = new Vector3(NaN, NaN, NaN); // mm: where the mover is
+  protected readonly handGoal: Vector3; // [m]
+  protected grabOffset = { x: 0, y: 0 };
+  private readonly at = new Vector3(NaN, NaN, NaN); // position of the mover [mm]
   private readonly drawn = new Float32Array(16).fill(NaN);
 
   constructor(
@@ -42,18 +43,18 @@ export class AxesSubject implements Subject {
     scene: Scene,
     limits: Session["limits"],
     mover?: Mover,
-    /** instead of copper coils */
+    /** drawing of the coils; default: copper coils */
     coils?: Object3D,
   ) {
     const touch = (): void => stage.touch();
-    this.wish = new Vector3(...(scene.rest ?? [0, 0, 0]));
-    this.arrowScale = LONGEST / limits.force;
-    this.goal = new Goal(touch);
+    this.handGoal = new Vector3(...(scene.rest ?? [0, 0, 0]));
+    this.arrowScale = MAX_ARROW_MM / limits.force;
+    this.goalMarker = new HandGoalMarker(touch);
     this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
     this.given = new Arrow(true, "--given", 0, 6, touch);
     this.mover = mover ?? new Marker(touch);
     const axes = [new Vector3(1, 0, 0), new Vector3(0, 1, 0), new Vector3(0, 0, 1)].map((along) => {
-      const ends = new BufferGeometry().setFromPoints([along.clone().multiplyScalar(-AXIS), along.clone().multiplyScalar(AXIS)]);
+      const ends = new BufferGeometry().setFromPoints([along.clone().multiplyScalar(-AXIS_LENGTH_MM), along.clone().multiplyScalar(AXIS_LENGTH_MM)]);
       return new Line(ends, new LineBasicMaterial());
     });
     const edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
@@ -62,17 +63,17 @@ export class AxesSubject implements Subject {
       return new Line(new BufferGeometry().setFromPoints(corners), edge);
     });
     const copper = new MeshPhongMaterial({ color: "#a8623a", specular: "#442", shininess: 30 });
-    this.group.add(...axes, ...edges, ...(coils ? [coils] : partsOf(scene, "coil").map((coil) => placePart(coil, copper))), chips(scene));
+    this.group.add(...axes, ...edges, ...(coils ? [coils] : partsOf(scene, "coil").map((coil) => placePart(coil, copper))), fieldSensors(scene));
     stage.canvas.ariaLabel =
       "Axes, and a marker for the mover. Arrow keys move it as seen here, plus and minus along z, question mark lists all keys.";
-    stage.scene.add(this.group, this.mover.group, this.goal.group, this.given.mesh, this.asked.mesh);
-    const dress = (): void => {
+    stage.scene.add(this.group, this.mover.group, this.goalMarker.group, this.given.mesh, this.asked.mesh);
+    const applyTheme = (): void => {
       edge.color.set(css("--text"));
       axes.forEach((axis, i) => axis.material.color.set(css(`--s${"xyz"[i]!}`)));
       touch();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
   get arrowVisible(): boolean {
@@ -81,22 +82,22 @@ export class AxesSubject implements Subject {
 
   show(sample: Sample): boolean {
     const p = sample.vector("p");
-    const target = sample.vector("hand_goal");
+    const goal = sample.vector("hand_goal");
     const asked = sample.vector("wrench_commanded");
     const given = sample.vector("wrench_actual");
     const q = sample.quaternion("q");
-    const now = [...[...p, ...target].map((x) => x * 20000), ...[...asked, ...given].map((x) => x * 250), ...q.map((x) => x * 500)];
-    // Noise of the sensors is no reason to draw: 0.05 mm, 4 mN and 0.2° are.
+    const now = [...[...p, ...goal].map((x) => x * 20000), ...[...asked, ...given].map((x) => x * 250), ...q.map((x) => x * 500)];
+    // Ignore sensor noise: redraw for changes above 0.05 mm, 4 mN or 0.2°.
     if (!now.some((x, i) => Math.abs(x - this.drawn[i]!) > 1 || Number.isNaN(this.drawn[i]!) !== Number.isNaN(x))) {
       return false;
     }
     this.drawn.set(now);
     this.at.set(...p).multiplyScalar(MM);
     this.mover.move(p, q);
-    this.goal.move(target, p, true);
+    this.goalMarker.move(goal, p, true);
     this.aim(this.given, this.at, given);
     this.aim(this.asked, this.at, asked);
-    if (!this.grasped && Number.isFinite(target[0])) this.wish.set(...target);
+    if (!this.grasped && Number.isFinite(goal[0])) this.handGoal.set(...goal);
     this.stage.touch();
     return true;
   }
@@ -105,7 +106,7 @@ export class AxesSubject implements Subject {
     this.drawn.fill(NaN);
     this.at.setScalar(NaN);
     this.mover.forget();
-    this.goal.group.visible = false;
+    this.goalMarker.group.visible = false;
     this.given.hide();
     this.asked.hide();
     this.grasped = false;
@@ -125,43 +126,43 @@ export class AxesSubject implements Subject {
   }
 
   near(x: number, y: number, reach: number): boolean {
-    const [left, middle] = this.sides().map((point) => this.stage.project(point)) as [Spot, Spot];
-    // Also on a large mover: anywhere on its picture.
+    const [left, middle] = this.sides().map((point) => this.stage.project(point)) as [ScreenPoint, ScreenPoint];
+    // A large mover can be grabbed anywhere on its drawing.
     const wide = Math.hypot(middle.x - left.x, middle.y - left.y);
     return Math.hypot(x - middle.x, y - middle.y) < Math.max(reach, wide);
   }
 
-  grab(x: number, y: number): Wish {
+  grab(x: number, y: number): HandGoal {
     this.grasped = true;
-    const at = this.stage.project(this.wish.clone().multiplyScalar(MM));
-    this.slip = { x: at.x - x, y: at.y - y };
-    return this.currentWish();
+    const at = this.stage.project(this.handGoal.clone().multiplyScalar(MM));
+    this.grabOffset = { x: at.x - x, y: at.y - y };
+    return this.currentHandGoal();
   }
 
-  /** In the plane through the marker that faces the camera. */
-  drag(x: number, y: number): Wish {
+  /** Drag in the plane through the marker that faces the camera. */
+  drag(x: number, y: number): HandGoal {
     this.grasped = true;
-    const ray = this.stage.ray(x + this.slip.x, y + this.slip.y);
+    const ray = this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y);
     const facing = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 2);
-    this.wish.copy(intersectPlane(ray, this.wish.clone().multiplyScalar(MM), facing)).divideScalar(MM);
-    return this.currentWish();
+    this.handGoal.copy(intersectPlane(ray, this.handGoal.clone().multiplyScalar(MM), facing)).divideScalar(MM);
+    return this.currentHandGoal();
   }
 
-  press(notches: number): Wish {
+  press(notches: number): HandGoal {
     this.grasped = true;
-    this.wish.z += notches * STEP;
-    return this.currentWish();
+    this.handGoal.z += notches * KEY_STEP_M;
+    return this.currentHandGoal();
   }
 
-  nudge(right: number, up: number): Wish {
+  nudge(right: number, up: number): HandGoal {
     this.grasped = true;
     const { matrixWorld } = this.stage.camera;
-    this.wish.addScaledVector(new Vector3().setFromMatrixColumn(matrixWorld, 0), right * STEP);
-    this.wish.addScaledVector(new Vector3().setFromMatrixColumn(matrixWorld, 1), up * STEP);
-    return this.currentWish();
+    this.handGoal.addScaledVector(new Vector3().setFromMatrixColumn(matrixWorld, 0), right * KEY_STEP_M);
+    this.handGoal.addScaledVector(new Vector3().setFromMatrixColumn(matrixWorld, 1), up * KEY_STEP_M);
+    return this.currentHandGoal();
   }
 
-  anchor(): Spot {
+  anchor(): ScreenPoint {
     return this.stage.project(this.at);
   }
 
@@ -171,8 +172,8 @@ export class AxesSubject implements Subject {
     return { coils, mover: this.mover.place.divideScalar(MM).toArray() };
   }
 
-  /** The mover's left side, middle and right side on the page [px]. */
-  places(): Spot[] {
+  /** Left side, centre and right side of the mover on the page [px]. */
+  places(): ScreenPoint[] {
     const box = this.stage.canvas.getBoundingClientRect();
     return this.sides().map((point) => {
       const { x, y } = this.stage.project(point);
@@ -180,14 +181,14 @@ export class AxesSubject implements Subject {
     });
   }
 
-  /** The mover's left side, middle and right side as seen here [mm]. */
+  /** Left side, centre and right side of the mover in this view [mm]. */
   private sides(): Vector3[] {
     const right = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 0).multiplyScalar(this.mover.radius);
     return [-1, 0, 1].map((side) => this.at.clone().addScaledVector(right, side));
   }
 
-  protected currentWish(): Wish {
-    const { x, y, z } = this.wish;
+  protected currentHandGoal(): HandGoal {
+    const { x, y, z } = this.handGoal;
     return { p: [x, y, z] };
   }
 
@@ -197,7 +198,7 @@ export class AxesSubject implements Subject {
   }
 }
 
-interface Spot {
+interface ScreenPoint {
   x: number;
   y: number;
 }

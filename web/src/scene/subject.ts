@@ -1,45 +1,39 @@
-// What a device's own picture must be able to do; the page around it does not ask which device it is.
+// Interface of the drawing of a device, through which the page works without knowing the kind of device.
 
-import type { Sample, Vector } from "../sample";
-import type { ForceMap, Mesh } from "../wire";
-
-/** Where the hand should go next [m], and how it turns the mover; without `q` the device decides. */
-export interface Wish {
-  p: Vector;
-  q?: readonly [number, number, number, number];
-}
+import type { Sample } from "../sample";
+import type { ForceMap, HandGoal, Mesh } from "../wire";
 
 export interface Subject {
-  /** the sentence for the first minute, and what each key does here */
+  /** hint for a new user, and the effect of each key */
   readonly hint: string;
   readonly keys: readonly (readonly [string, string])[];
-  /** what full colour means: of the force map [N], or of the coils [A] */
+  /** full scale of the colours: force map [N], or coil currents [A] */
   readonly range: number;
   readonly arrowVisible: boolean;
-  /** Draw this sample; true if the picture changed visibly. */
+  /** Draw this sample; returns whether the drawing changed visibly. */
   show(sample: Sample): boolean;
-  /** Grey, without numbers: nothing is known any more. */
+  /** Draw in grey, without arrows: the page is not live. */
   forget(): void;
-  /** Known again. */
+  /** Draw normally again. */
   live(): void;
   shape(mesh: Mesh): void;
   paint(map: ForceMap): void;
-  /** What is painted in a direction. */
+  /** Force map in a direction. */
   forceAt(direction: readonly number[]): { force: number; saturated: boolean };
-  /** Whether a pointer at (x, y) [px] would take hold, within `reach` pixels. */
+  /** Whether (x, y) is within `reach` of the part that can be grabbed [px]. */
   near(x: number, y: number, reach: number): boolean;
-  /** Take hold at (x, y), drag to (x, y), press in or lift by millimetres. Each gives the hand's next wish. */
-  grab(x: number, y: number): Wish;
-  drag(x: number, y: number): Wish;
-  press(millimetres: number): Wish;
-  /** Move by degrees on the screen: to the right and upwards. */
-  nudge(right: number, up: number): Wish;
-  /** Turn the mover about its own axis by degrees, where it can be turned. */
-  spin?(degrees: number): Wish;
-  /** Places on the canvas that words refer to [px]. */
+  /** Grab at (x, y), drag to (x, y) [px], or lift (positive) and press (negative) [mm]. Each returns the new hand goal. */
+  grab(x: number, y: number): HandGoal;
+  drag(x: number, y: number): HandGoal;
+  press(millimetres: number): HandGoal;
+  /** Move by keys: steps to the right and upwards on the screen. */
+  nudge(right: number, up: number): HandGoal;
+  /** Spin the mover about its axis [deg], if the device allows it. */
+  spin?(degrees: number): HandGoal;
+  /** Position on the canvas for the hint [px]. */
   anchor(): { x: number; y: number };
-  /** How many coils are drawn, and where the mover is drawn [m]; NaN: it is not. */
+  /** Number of coils drawn, and drawn position of the mover [m]; NaN: not drawn. */
   picture?(): { coils: number; mover: number[] };
-  /** Near end, middle and far end of what is held, on the page [px]. */
+  /** Near end, middle and far end of the held part on the page [px]. */
   places(): { x: number; y: number }[];
 }
