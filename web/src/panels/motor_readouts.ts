@@ -62,12 +62,12 @@ export class MotorReadouts {
 
   /** Summary for screen readers. */
   sentence(sample: Sample): string {
-    const given = norm(sample.vector("wrench_actual", 3));
-    if (!Number.isFinite(given)) return "";
+    const delivered = norm(sample.vector("wrench_actual", 3));
+    if (!Number.isFinite(delivered)) return "";
     const q = sample.quaternion("q");
     const [x, y, z] = axis(q);
     const tilt = Math.atan2(Math.hypot(x, y), z) * DEGREE;
-    return `${given.toFixed(2)} newton metres delivered, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEGREE, 0)}`;
+    return `${delivered.toFixed(2)} newton metres delivered, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEGREE, 0)}`;
   }
 
   private dress(): void {

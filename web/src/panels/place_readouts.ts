@@ -22,9 +22,9 @@ export class PlaceReadouts extends Readouts {
   }
 
   override sentence(sample: Sample): string {
-    const given = norm(sample.vector("wrench_actual"));
-    if (!Number.isFinite(given)) return "";
+    const delivered = norm(sample.vector("wrench_actual"));
+    if (!Number.isFinite(delivered)) return "";
     const place = sample.vector("p").map((metres) => formatNumber(metres * 1000, 0));
-    return `${given.toFixed(1)} newton delivered at ${place.join(", ")} millimetres`;
+    return `${delivered.toFixed(1)} newton delivered at ${place.join(", ")} millimetres`;
   }
 }

@@ -194,7 +194,7 @@ export class Plots {
         ? { label, colour, dashed, from: [...of(name), ...position], make: radial }
         : { label, colour, dashed, from: of(name), make: magnitude };
     // read as: delivered 0.30 of 0.31
-    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--given", false), pair("wrench_commanded", "of", "--asked", true)];
+    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--delivered", false), pair("wrench_commanded", "of", "--commanded", true)];
     return axes.flatMap((i) => [
       { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`wrench_actual[${first + i}]`)], make: identity },
       { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`wrench_commanded[${first + i}]`)], make: identity },

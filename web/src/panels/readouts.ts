@@ -45,11 +45,11 @@ export class Readouts {
   /** Torque commanded and delivered, and its limit; shown if the world renders torque. */
   private showTorque(sample: Sample): void {
     const part = sample.number("part");
-    const asked = norm(sample.vector("wrench_commanded", 3));
-    if (!Number.isNaN(part)) this.showsTorque = part > 0 || asked > 0;
+    const commanded = norm(sample.vector("wrench_commanded", 3));
+    if (!Number.isNaN(part)) this.showsTorque = part > 0 || commanded > 0;
     at("turning").hidden = at("part").hidden = !this.showsTorque;
     if (!this.showsTorque) return;
-    write(at("torque-asked"), formatNumber(1000 * asked, 1));
+    write(at("torque-asked"), formatNumber(1000 * commanded, 1));
     write(at("torque-given"), formatNumber(1000 * norm(sample.vector("wrench_actual", 3)), 1));
     const limit = this.session.saturations[sample.number("saturated")];
     write(at("part"), `${this.session.parts[part] ?? ""}${limit ? ` Limited by ${limit}.` : ""}`.trim());
@@ -65,9 +65,9 @@ export class Readouts {
 
   /** Summary for screen readers. */
   sentence(sample: Sample): string {
-    const given = norm(sample.vector("wrench_actual"));
-    if (!Number.isFinite(given)) return "";
+    const delivered = norm(sample.vector("wrench_actual"));
+    if (!Number.isFinite(delivered)) return "";
     const { tilt, length } = spherical(sample.vector("p"));
-    return `${given.toFixed(1)} newton delivered at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
+    return `${delivered.toFixed(1)} newton delivered at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
   }
 }

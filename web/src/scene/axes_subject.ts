@@ -30,8 +30,8 @@ export class AxesSubject implements Subject {
   private readonly group = new Group();
   protected readonly mover: Mover;
   private readonly goalMarker: HandGoalMarker;
-  private readonly asked: Arrow;
-  private readonly given: Arrow;
+  private readonly commanded: Arrow;
+  private readonly delivered: Arrow;
   private readonly arrowScale: number;
   protected readonly handGoal: Vector3; // [m]
   protected grabOffset = { x: 0, y: 0 };
@@ -50,8 +50,8 @@ export class AxesSubject implements Subject {
     this.handGoal = new Vector3(...(scene.rest ?? [0, 0, 0]));
     this.arrowScale = MAX_ARROW_MM / limits.force;
     this.goalMarker = new HandGoalMarker(touch);
-    this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
-    this.given = new Arrow(true, "--given", 0, 6, touch);
+    this.commanded = new Arrow(false, "--commanded", 0.35, 7, touch);
+    this.delivered = new Arrow(true, "--delivered", 0, 6, touch);
     this.mover = mover ?? new Marker(touch);
     const axes = [new Vector3(1, 0, 0), new Vector3(0, 1, 0), new Vector3(0, 0, 1)].map((along) => {
       const ends = new BufferGeometry().setFromPoints([along.clone().multiplyScalar(-AXIS_LENGTH_MM), along.clone().multiplyScalar(AXIS_LENGTH_MM)]);
@@ -66,7 +66,7 @@ export class AxesSubject implements Subject {
     this.group.add(...axes, ...edges, ...(coils ? [coils] : partsOf(scene, "coil").map((coil) => placePart(coil, copper))), fieldSensors(scene));
     stage.canvas.ariaLabel =
       "Axes, and a marker for the mover. Arrow keys move it as seen here, plus and minus along z, question mark lists all keys.";
-    stage.scene.add(this.group, this.mover.group, this.goalMarker.group, this.given.mesh, this.asked.mesh);
+    stage.scene.add(this.group, this.mover.group, this.goalMarker.group, this.delivered.mesh, this.commanded.mesh);
     const applyTheme = (): void => {
       edge.color.set(css("--text"));
       axes.forEach((axis, i) => axis.material.color.set(css(`--s${"xyz"[i]!}`)));
@@ -77,16 +77,16 @@ export class AxesSubject implements Subject {
   }
 
   get arrowVisible(): boolean {
-    return this.given.visible || this.asked.visible;
+    return this.delivered.visible || this.commanded.visible;
   }
 
   show(sample: Sample): boolean {
     const p = sample.vector("p");
     const goal = sample.vector("hand_goal");
-    const asked = sample.vector("wrench_commanded");
-    const given = sample.vector("wrench_actual");
+    const commanded = sample.vector("wrench_commanded");
+    const delivered = sample.vector("wrench_actual");
     const q = sample.quaternion("q");
-    const now = [...[...p, ...goal].map((x) => x * 20000), ...[...asked, ...given].map((x) => x * 250), ...q.map((x) => x * 500)];
+    const now = [...[...p, ...goal].map((x) => x * 20000), ...[...commanded, ...delivered].map((x) => x * 250), ...q.map((x) => x * 500)];
     // Ignore sensor noise: redraw for changes above 0.05 mm, 4 mN or 0.2°.
     if (!now.some((x, i) => Math.abs(x - this.drawn[i]!) > 1 || Number.isNaN(this.drawn[i]!) !== Number.isNaN(x))) {
       return false;
@@ -95,8 +95,8 @@ export class AxesSubject implements Subject {
     this.at.set(...p).multiplyScalar(MM);
     this.mover.move(p, q);
     this.goalMarker.move(goal, p, true);
-    this.aim(this.given, this.at, given);
-    this.aim(this.asked, this.at, asked);
+    this.aim(this.delivered, this.at, delivered);
+    this.aim(this.commanded, this.at, commanded);
     if (!this.grasped && Number.isFinite(goal[0])) this.handGoal.set(...goal);
     this.stage.touch();
     return true;
@@ -107,8 +107,8 @@ export class AxesSubject implements Subject {
     this.at.setScalar(NaN);
     this.mover.forget();
     this.goalMarker.group.visible = false;
-    this.given.hide();
-    this.asked.hide();
+    this.delivered.hide();
+    this.commanded.hide();
     this.grasped = false;
     this.stage.touch();
   }

@@ -29,8 +29,8 @@ export class RotorSubject implements Subject {
   grasped = false;
   private readonly rotor: Rotor;
   private readonly goalMarker: HandGoalMarker;
-  private readonly asked: Arrow;
-  private readonly given: Arrow;
+  private readonly commanded: Arrow;
+  private readonly delivered: Arrow;
   private readonly handle: number;
   private readonly arrowScale: number;
   private goalAngles: Vector = [0, 0, 0];
@@ -51,23 +51,23 @@ export class RotorSubject implements Subject {
     this.goalMarker = new HandGoalMarker(touch);
     stage.canvas.ariaLabel =
       "Motor with a handle. Arrow keys tilt it, Q and E spin it, R and T choose how it moves the object, holding C releases the clutch, question mark lists all keys.";
-    this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
-    this.given = new Arrow(true, "--given", 0, 6, touch);
-    stage.scene.add(this.rotor.stator, this.rotor.group, this.goalMarker.group, this.given.mesh, this.asked.mesh);
+    this.commanded = new Arrow(false, "--commanded", 0.35, 7, touch);
+    this.delivered = new Arrow(true, "--delivered", 0, 6, touch);
+    stage.scene.add(this.rotor.stator, this.rotor.group, this.goalMarker.group, this.delivered.mesh, this.commanded.mesh);
   }
 
   get arrowVisible(): boolean {
-    return this.given.visible || this.asked.visible;
+    return this.delivered.visible || this.commanded.visible;
   }
 
   show(sample: Sample): boolean {
     const q = sample.quaternion("q");
     const goal = sample.quaternion("hand_goal_q");
-    const asked = sample.vector("wrench_commanded", 3);
-    const given = sample.vector("wrench_actual", 3);
+    const commanded = sample.vector("wrench_commanded", 3);
+    const delivered = sample.vector("wrench_actual", 3);
     const currents = sample.list("current_measured");
     const now = [...q, ...goal].map((x) => x * 4000);
-    now.push(...[...asked, ...given].map((x) => x * 200), ...Array.from(currents, (x) => x * 100));
+    now.push(...[...commanded, ...delivered].map((x) => x * 200), ...Array.from(currents, (x) => x * 100));
     // Ignore sensor noise: redraw for changes above 0.03°, 5 mN·m or 10 mA.
     if (!now.some((x, i) => Math.abs(x - this.drawn[i]!) > 1 || Number.isNaN(this.drawn[i]!) !== Number.isNaN(x))) {
       return false;
@@ -76,8 +76,8 @@ export class RotorSubject implements Subject {
     this.rotor.turn(q);
     const at = (turn: Quaternion): Vector => axis(turn).map((x) => x * this.handle) as Vector;
     this.goalMarker.move(at(goal), at(q));
-    this.aim(this.given, given);
-    this.aim(this.asked, asked);
+    this.aim(this.delivered, delivered);
+    this.aim(this.commanded, commanded);
     this.rotor.glow(currents);
     if (!this.grasped && Number.isFinite(goal[0])) this.goalAngles = angles(goal);
     this.stage.touch();
@@ -87,8 +87,8 @@ export class RotorSubject implements Subject {
   forget(): void {
     this.drawn.fill(NaN);
     this.goalMarker.group.visible = false;
-    this.given.hide();
-    this.asked.hide();
+    this.delivered.hide();
+    this.commanded.hide();
     this.rotor.glow([]);
     this.grasped = false;
     this.stage.touch();

@@ -46,7 +46,7 @@ export class Target {
 
   constructor(private readonly stage: Stage) {
     const touch = (): void => stage.touch();
-    this.arrows = [new Arrow(true, "--given", 0, 6, touch), new Arrow(true, "--given", 0, 6, touch)];
+    this.arrows = [new Arrow(true, "--delivered", 0, 6, touch), new Arrow(true, "--delivered", 0, 6, touch)];
     stage.scene.add(this.plug, this.socket, ...this.arrows.map((arrow) => arrow.mesh));
     const applyTheme = (): void => {
       this.plastic.color.set(css("--plug"));

@@ -27,8 +27,8 @@ export class ToolSubject implements Subject {
   private readonly body: Body;
   private readonly stylus: Stylus;
   private readonly goalMarker: HandGoalMarker;
-  private readonly asked: Arrow;
-  private readonly given: Arrow;
+  private readonly commanded: Arrow;
+  private readonly delivered: Arrow;
   private readonly contact: number;
   private readonly workspace: number;
   private readonly arrowScale: number;
@@ -58,21 +58,21 @@ export class ToolSubject implements Subject {
     this.body = new Body(tool, touch);
     this.stylus = new Stylus(tool, touch);
     this.goalMarker = new HandGoalMarker(touch);
-    this.asked = new Arrow(false, "--asked", 0.35, 7, touch);
-    this.given = new Arrow(true, "--given", 0, 6, touch);
+    this.commanded = new Arrow(false, "--commanded", 0.35, 7, touch);
+    this.delivered = new Arrow(true, "--delivered", 0, 6, touch);
     stage.scene.add(
       this.body.group,
       this.stylus.group,
       this.dome.mesh,
       this.goalMarker.group,
-      this.given.mesh,
-      this.asked.mesh,
+      this.delivered.mesh,
+      this.commanded.mesh,
     );
-    stage.setMoving([this.stylus.group, this.goalMarker.group, this.given.mesh, this.asked.mesh], { radius: tool.dome_radius * MM, opacity: OPACITY_BEHIND_DOME });
+    stage.setMoving([this.stylus.group, this.goalMarker.group, this.delivered.mesh, this.commanded.mesh], { radius: tool.dome_radius * MM, opacity: OPACITY_BEHIND_DOME });
   }
 
   get arrowVisible(): boolean {
-    return this.given.visible || this.asked.visible;
+    return this.delivered.visible || this.commanded.visible;
   }
 
   /** [N]; 0 if the map is blank */
@@ -91,11 +91,11 @@ export class ToolSubject implements Subject {
   show(sample: Sample): boolean {
     const p = sample.vector("p");
     const goal = sample.vector("hand_goal");
-    const asked = sample.vector("wrench_commanded");
-    const given = sample.vector("wrench_actual");
+    const commanded = sample.vector("wrench_commanded");
+    const delivered = sample.vector("wrench_actual");
     const currents = sample.list("current_measured");
-    const now = [...p.map((x) => x * 20000), ...goal.map((x) => x * 20000), ...asked.map((x) => x * 250)];
-    now.push(...given.map((x) => x * 250), ...Array.from(currents.subarray(0, 3), (x) => x * 5));
+    const now = [...p.map((x) => x * 20000), ...goal.map((x) => x * 20000), ...commanded.map((x) => x * 250)];
+    now.push(...delivered.map((x) => x * 250), ...Array.from(currents.subarray(0, 3), (x) => x * 5));
     // Ignore sensor noise: redraw for changes above 0.05 mm, 4 mN or 0.2 A.
     if (!now.some((x, i) => Math.abs(x - this.drawn[i]!) > 1 || Number.isNaN(this.drawn[i]!) !== Number.isNaN(x))) {
       return false;
@@ -104,8 +104,8 @@ export class ToolSubject implements Subject {
     this.stylus.move(p, sample.quaternion("q"));
     this.goalMarker.move(goal, p);
     const from = new Vector3(p[0] * MM, p[1] * MM, p[2] * MM);
-    this.aim(this.given, from, given);
-    this.aim(this.asked, from, asked);
+    this.aim(this.delivered, from, delivered);
+    this.aim(this.commanded, from, commanded);
     if (this.body.glow(currents, this.limits)) this.stage.touchSlowly();
     if (!this.grasped && Number.isFinite(goal[0])) this.follow(goal);
     this.stage.touchMoving();
@@ -118,8 +118,8 @@ export class ToolSubject implements Subject {
   forget(): void {
     this.drawn.fill(NaN);
     this.goalMarker.group.visible = false;
-    this.given.hide();
-    this.asked.hide();
+    this.delivered.hide();
+    this.commanded.hide();
     this.body.glow([], this.limits);
     this.dome.live(false);
     this.grasped = false;

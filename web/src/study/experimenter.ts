@@ -205,7 +205,7 @@ function facts(): void {
     ["participant", `${v.code}${v.resumed ? " (resumed)" : ""}`],
     ["participant's page", v.pages ? (v.pages > 1 ? `${v.pages} are open: close all but one` : "open") : "not open"],
   ];
-  if (v.prompt) facts.push(["asked", describePrompt(v.prompt)]);
+  if (v.prompt) facts.push(["prompt", describePrompt(v.prompt)]);
   if (v.prompt && v.which && v.prompt.interval) facts.push(["rendered now", `interval ${v.which}`]);
   if (v.state === "running" || v.state === "time is up") {
     facts.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);

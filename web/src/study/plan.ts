@@ -83,7 +83,7 @@ export function drawPlan(canvas: HTMLCanvasElement, plan: Plan): void {
   if (plan.pen) {
     const x = plan.pen.x * scale;
     const y = -plan.pen.y * scale;
-    if (plan.pen.fx !== undefined && plan.pen.fy !== undefined) arrow(c, x, y, plan.pen.fx, plan.pen.fy, half, colour("--given"));
+    if (plan.pen.fx !== undefined && plan.pen.fy !== undefined) arrow(c, x, y, plan.pen.fx, plan.pen.fy, half, colour("--delivered"));
     c.beginPath();
     c.arc(x, y, 7, 0, TAU);
     c.fillStyle = colour(plan.pen.off ? "--muted" : "--text");

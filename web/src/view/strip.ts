@@ -94,7 +94,7 @@ export class Strip {
     const bins = shown.least.length;
     const step = seconds / bins;
     const [begin, end] = [this.x(0, width), this.x(seconds, width)];
-    context.fillStyle = css("--given");
+    context.fillStyle = css("--delivered");
     // Per pixel column: a pale area down to the axis, and a solid bar from minimum to maximum.
     for (let x = Math.max(0, Math.floor(begin)); x < Math.min(width, end); x++) {
       const share = (one: number): number => Math.min(Math.max(((one - begin) / Math.max(end - begin, 1e-9)) * bins, 0), bins - 1);
@@ -110,7 +110,7 @@ export class Strip {
       context.fillRect(x, y(most), 1, Math.max(y(least) - y(most), 1));
     }
     if (commanded) {
-      context.strokeStyle = css("--asked");
+      context.strokeStyle = css("--commanded");
       context.setLineDash([4, 3]);
       context.beginPath();
       let pen = false;
