@@ -2,14 +2,14 @@
 
 import type { Plots } from "./panels/plots";
 import type { Orbit } from "./scene/orbit";
-import type { Subject } from "./scene/subject";
+import type { DeviceDrawing } from "./scene/device_drawing";
 import type { HandGoal } from "./wire";
 
 export interface KeyActions {
   stop(by: string): void;
   press(buttons: string[]): void;
   rest(handGoal: HandGoal, stamp: number): void;
-  readonly subject: Subject;
+  readonly drawing: DeviceDrawing;
   readonly orbit: Orbit | null;
   readonly plots: Plots;
   readonly control: boolean;
@@ -92,11 +92,11 @@ export function listenToKeys(actions: KeyActions): void {
     const arrow = ARROWS[event.key];
     const step = event.shiftKey ? 5 : 1;
     if (arrow && actions.control) {
-      actions.rest(actions.subject.nudge(step * arrow[0], step * arrow[1]), event.timeStamp);
+      actions.rest(actions.drawing.nudge(step * arrow[0], step * arrow[1]), event.timeStamp);
     } else if ((event.key === "+" || event.key === "-" || event.key === "=") && actions.control) {
-      actions.rest(actions.subject.press(event.key === "-" ? -1 : 1), event.timeStamp);
-    } else if (/^[qe]$/i.test(event.key) && actions.subject.spin && actions.control) {
-      actions.rest(actions.subject.spin((event.key.toLowerCase() === "q" ? 2 : -2) * step), event.timeStamp);
+      actions.rest(actions.drawing.press(event.key === "-" ? -1 : 1), event.timeStamp);
+    } else if (/^[qe]$/i.test(event.key) && actions.drawing.spin && actions.control) {
+      actions.rest(actions.drawing.spin((event.key.toLowerCase() === "q" ? 2 : -2) * step), event.timeStamp);
     } else if (event.key === "0") actions.orbit?.reset();
     else if (event.key === "p" || event.key === "P") actions.plots.pause(!actions.plots.paused);
     else if (event.key === "?") document.getElementById("ask")!.click();

@@ -23,13 +23,13 @@ import { Orbit } from "./scene/orbit";
 import { sceneOf } from "./scene/scenes";
 import { Shapes } from "./scene/shapes";
 import { Stage } from "./scene/stage";
-import type { Subject } from "./scene/subject";
-import { TargetPane } from "./scene/target_pane";
+import type { DeviceDrawing } from "./scene/device_drawing";
+import { ObjectPane } from "./scene/object_pane";
 import { listenToViewButtons } from "./scene/view_buttons";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { fetchSession, UnknownToken, token, type FeelState, type Session, type Shape, type TargetScene, type Values, type World } from "./session";
-import { status, type Silence } from "./status";
+import { fetchSession, UnknownToken, token, type FeelState, type Session, type Shape, type ObjectScene, type Values, type World } from "./session";
+import { status, type LinkState } from "./status";
 import { Vector3 } from "three";
 import type { HandGoal, Rows } from "./wire";
 
@@ -48,7 +48,7 @@ class Console {
   private readonly stage: Stage;
   readonly orbit: Orbit;
   private readonly scene: DeviceScene;
-  readonly subject: Subject;
+  readonly drawing: DeviceDrawing;
   private readonly drag: Drag;
   private readonly header: Header;
   private readonly world: WorldPanel;
@@ -56,14 +56,14 @@ class Console {
   private readonly legend: Legend;
   private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
-  private readonly target: TargetPane | null = null;
+  private readonly objectPane: ObjectPane | null = null;
   readonly shapes: Shapes;
   private readonly feel: FeelPanel | null = null;
   readonly plots: Plots;
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
   private readonly link: Link;
-  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: true, coils: NaN, missingPose: "", tripProgram: "" };
+  private readonly linkState: LinkState = { disconnected: true, serverEnded: false, servoEnded: false, stale: true, coils: NaN, missingPose: "", tripProgram: "" };
   private readonly sendTimes: number[] = [];
   private readonly responseTimes: number[] = [];
   private readonly arrivals: number[] = [];
@@ -103,14 +103,14 @@ class Console {
     this.model.show(session.world.model);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
-      this.target = new TargetPane(session.world.scene, session.world.shapes, this.detailControl.best);
+      this.objectPane = new ObjectPane(session.world.scene, session.world.shapes, this.detailControl.best);
     }
     if (session.feel) this.feel = new FeelPanel(session.feel, (act) => this.command({ ...act, do: "feel" }));
     this.plots = new Plots(this.history, session, this.scene);
-    this.subject = this.scene.subject(this.stage, session);
+    this.drawing = this.scene.drawing(this.stage, session);
     // Drawn in the frame of the object that the world acts on: a motor's object has a view of its own.
-    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
+    this.shapes = this.objectPane?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
+    if (this.scene.colours === "currents") this.legend.coils(this.drawing.range, session.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
     this.link = new Link(token(), 1000 * session.patience, {
@@ -118,16 +118,16 @@ class Console {
       onClose: (code, reason) => void this.onClose(code, reason),
       frame: (frame, receivedAt) => {
         if (frame.kind === "rows") this.rows(frame, receivedAt);
-        else if (frame.kind === "mesh") this.subject.shape(frame);
+        else if (frame.kind === "mesh") this.drawing.shape(frame);
         else {
-          this.subject.paint(frame);
-          this.legend.scale(this.subject.range);
+          this.drawing.paint(frame);
+          this.legend.scale(this.drawing.range);
         }
       },
       event: (event) => this.event(event),
     });
-    this.drag = new Drag(this.stage.canvas, this.subject, this.orbit, (handGoal, stamp, held) => this.hold(handGoal, stamp, held));
-    fillDialogs(session, this.scene, this.subject.keys);
+    this.drag = new Drag(this.stage.canvas, this.drawing, this.orbit, (handGoal, stamp, held) => this.hold(handGoal, stamp, held));
+    fillDialogs(session, this.scene, this.drawing.keys);
     this.detail();
     this.buttons();
     listenToKeys(this);
@@ -173,19 +173,19 @@ class Console {
   }
 
   private async onOpen(): Promise<void> {
-    if (!this.silence.disconnected) return;
+    if (!this.linkState.disconnected) return;
     // After an interruption another servo may run at this address, and the page would show the wrong device.
     const opened = ++this.changes;
     const again = await fetchSession().catch(() => null);
     if (opened !== this.changes) return; // closed in the meantime
     if (again && again.started !== this.session.started) location.reload();
-    this.silence.disconnected = this.silence.gone = false;
-    this.silence.servoEnded = false;
+    this.linkState.disconnected = this.linkState.serverEnded = false;
+    this.linkState.servoEnded = false;
   }
 
   private async onClose(code: number, reason: string): Promise<void> {
     const closed = ++this.changes;
-    this.silence.disconnected = true;
+    this.linkState.disconnected = true;
     this.control = false;
     this.forget();
     if (code === CLOSE_CODE_FULL) coverPage(tooManyPages(reason));
@@ -194,7 +194,7 @@ class Console {
       const mistake: unknown = await fetchSession().catch((mistake: unknown) => mistake);
       if (closed !== this.changes) return;
       if (mistake instanceof UnknownToken) coverPage(MISSING_TOKEN);
-      this.silence.gone = mistake instanceof TypeError;
+      this.linkState.serverEnded = mistake instanceof TypeError;
     }
   }
 
@@ -203,14 +203,14 @@ class Console {
     this.sample.forget();
     this.health = null;
     this.header.loop(null);
-    this.subject.forget();
+    this.drawing.forget();
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
     this.modes?.show(this.sample);
     this.model.enable(false);
     this.modes?.enable(false);
     this.feel?.enable(false);
-    this.target?.forget();
+    this.objectPane?.forget();
     this.shapes.forget();
     this.plots.freeze(true);
     at("view").classList.add("dead");
@@ -223,23 +223,23 @@ class Console {
   private revive(): void {
     this.wasDead = false;
     this.plots.freeze(false);
-    this.subject.live();
+    this.drawing.live();
     at("view").classList.remove("dead");
     this.world.enable(this.control);
     this.model.enable(this.control);
     this.modes?.enable(this.control);
     this.feel?.enable(this.control);
-    this.target?.live();
+    this.objectPane?.live();
   }
 
   private rows(frame: Rows, receivedAt: number): void {
-    if (this.silence.disconnected || !frame.count) return;
+    if (this.linkState.disconnected || !frame.count) return;
     if (frame.t0 < this.history.newest - 1) this.history.clear();
     coverPage(null);
     this.history.append(frame);
     this.sample.row.set(frame.data.subarray((frame.count - 1) * frame.width));
     this.sample.t = this.history.newest;
-    this.silence.coils = this.sample.number("coil_state");
+    this.linkState.coils = this.sample.number("coil_state");
     this.frames++;
     if (frame.dropped > this.dropped) this.droppedAt = performance.now();
     this.dropped = frame.dropped;
@@ -275,12 +275,12 @@ class Console {
         this.world.remark((event["remarks"] ?? []) as string[]);
         this.model.show(event["model"] as string);
         this.shapes.build((event["shapes"] ?? []) as Shape[]);
-        this.target?.build((event["scene"] ?? null) as TargetScene | null);
+        this.objectPane?.build((event["scene"] ?? null) as ObjectScene | null);
         break;
       case "health":
-        this.silence.servoEnded = event["alive"] === false;
-        this.silence.missingPose = String(event["missing_pose"] ?? "");
-        this.silence.tripProgram = String(event["trip_program"] ?? "");
+        this.linkState.servoEnded = event["alive"] === false;
+        this.linkState.missingPose = String(event["missing_pose"] ?? "");
+        this.linkState.tripProgram = String(event["trip_program"] ?? "");
         this.health = event as unknown as Health;
         this.header.showConnections(this.health.connections ?? []);
         this.notice(this.health);
@@ -313,15 +313,15 @@ class Console {
 
   private frame(now: number): void {
     requestAnimationFrame((next) => this.frame(next));
-    this.silence.stale = performance.now() - this.arrived > STALE_AFTER_MS;
-    const dead = this.silence.disconnected || this.silence.servoEnded || this.silence.stale;
+    this.linkState.stale = performance.now() - this.arrived > STALE_AFTER_MS;
+    const dead = this.linkState.disconnected || this.linkState.servoEnded || this.linkState.stale;
     // A gap in the samples alone does not release the stylus; only a lost connection or an ended servo does.
-    if (this.silence.disconnected || this.silence.servoEnded) this.drag.release(now);
+    if (this.linkState.disconnected || this.linkState.servoEnded) this.drag.release(now);
     if (dead && !this.wasDead) this.forget();
     else if (!dead && this.wasDead) this.revive();
     if (this.fresh && !dead) {
-      this.subject.show(this.sample);
-      this.target?.show(this.sample);
+      this.drawing.show(this.sample);
+      this.objectPane?.show(this.sample);
       this.shapes.show(this.sample);
       this.legend.show(this.sample);
       this.senses(now);
@@ -332,7 +332,7 @@ class Console {
       if (this.detailControl.frame(now)) this.detail();
       pushTiming(this.sceneCosts, performance.now() - drawStart);
     }
-    this.target?.draw(now);
+    this.objectPane?.draw(now);
     this.measure();
     const plotStart = performance.now();
     if (this.plots.draw(now, this.fresh && !dead)) pushTiming(this.plotCosts, performance.now() - plotStart);
@@ -351,7 +351,7 @@ class Console {
   private detail(): void {
     const { level } = this.detailControl;
     this.stage.level = level;
-    if (this.target) this.target.level = level;
+    if (this.objectPane) this.objectPane.level = level;
     this.plots.interval = DETAIL[level].plotInterval;
     const note = at("detail");
     note.hidden = level === "full";
@@ -359,7 +359,7 @@ class Console {
   }
 
   private updateText(now: number, dead: boolean): void {
-    const present = status(this.sample, this.session, this.silence);
+    const present = status(this.sample, this.session, this.linkState);
     this.header.status(present, this.control);
     if (now - this.readAt < READOUT_INTERVAL_MS) return;
     this.readAt = now;
@@ -385,8 +385,8 @@ class Console {
     // While an alert explains why there is no force, the hint would only distract.
     if (!at("alert").hidden) return void (hint.hidden = true);
     if (this.touched || dead || !this.control || !this.session.steered) return;
-    const { x, y } = this.subject.anchor();
-    write(hint, this.subject.hint);
+    const { x, y } = this.drawing.anchor();
+    write(hint, this.drawing.hint);
     hint.hidden = false;
     // Place the hint in the free area of the view; hide it if it does not fit.
     const free = at("free");
@@ -437,7 +437,7 @@ class Console {
         return page.dropped;
       },
       get status() {
-        return status(page.sample, page.session, page.silence).word;
+        return status(page.sample, page.session, page.linkState).word;
       },
       get latencies() {
         return [...page.latencies];
@@ -455,10 +455,10 @@ class Console {
         return page.stage.captures;
       },
       get arrow() {
-        return page.subject.arrowVisible;
+        return page.drawing.arrowVisible;
       },
       get range() {
-        return page.subject.range;
+        return page.drawing.range;
       },
       get control() {
         return page.control;
@@ -470,12 +470,12 @@ class Console {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       value: (name) => Array.from(page.sample.list(name)),
-      forceAt: (direction) => page.subject.forceAt(direction),
-      stylus: () => page.subject.places(),
-      picture: () => page.subject.picture?.() ?? { coils: 0, mover: [] },
+      forceAt: (direction) => page.drawing.forceAt(direction),
+      stylus: () => page.drawing.places(),
+      picture: () => page.drawing.picture?.() ?? { coils: 0, mover: [] },
       shapes: () => page.shapes.places,
       spots: () => page.shapes.spots,
-      plug: () => page.target?.shown ?? { place: [], bent: [] },
+      plug: () => page.objectPane?.shown ?? { place: [], bent: [] },
     });
   }
 }

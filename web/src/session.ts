@@ -28,12 +28,12 @@ export interface World {
 export type Values = Record<string, number | number[]>;
 
 /** The part of the wrench that a device renders: its first three components, or its last three. */
-export type Gives = "force" | "torque";
+export type RenderedQuantity = "force" | "torque";
 
 /** Description of the device's drawing; `kind` selects the scene, which defines the further fields. */
 export interface Scene {
   kind: string;
-  gives: Gives;
+  gives: RenderedQuantity;
   /** rest position of the mover [m] */
   rest?: [number, number, number];
   /** coils and magnets from the device file; those of the mover in its rest position */
@@ -103,7 +103,7 @@ export interface MotorScene extends Scene {
 }
 
 /** The object that the motor moves, in metres; fields as in `target_scene` of `haptorb.web.session`. */
-export interface TargetScene {
+export interface ObjectScene {
   hooks: number;
   root: number;
   back: number;
@@ -186,7 +186,7 @@ export interface Session {
     stop: number;
   };
   worlds: World[];
-  world: { name: string; values: Values; model: string; scene: TargetScene | null; shapes: Shape[]; remarks: string[] };
+  world: { name: string; values: Values; model: string; scene: ObjectScene | null; shapes: Shape[]; remarks: string[] };
   feel: FeelState | null;
   /** trip reasons by code: a word, and a text with the cause and what to do */
   trips: Record<string, { word: string; text: string }>;

@@ -46,7 +46,7 @@ export function css(name: string): string {
 const channel = (hex: string, i: number): number => parseInt(hex.slice(1 + 2 * i, 3 + 2 * i), 16);
 
 /** Colour of the map at −1…1; 0…255 per channel. */
-export function mapped(value: number, { map } = theme()): Rgb {
+export function mapColour(value: number, { map } = theme()): Rgb {
   const x = Math.min(1, Math.max(-1, value));
   let k = 1;
   while (k < map.length - 1 && map[k]![0] < x) k++;
@@ -61,7 +61,7 @@ export function mapPixels(): Uint8Array {
   const pixels = new Uint8Array(256 * 4);
   const now = theme();
   for (let i = 0; i < 256; i++) {
-    pixels.set([...mapped((i / 255) * 2 - 1, now).map(Math.round), 255], 4 * i);
+    pixels.set([...mapColour((i / 255) * 2 - 1, now).map(Math.round), 255], 4 * i);
   }
   return pixels;
 }

@@ -1,7 +1,7 @@
 // Legend: colour bar of force or current, marker of the present force, and scale bar.
 
 import { dot, norm, type Sample } from "../sample";
-import type { Gives, Scene } from "../session";
+import type { RenderedQuantity, Scene } from "../session";
 import { mapPixels, onThemeChange } from "../theme";
 import { at, make, formatNumber, write } from "./dom";
 
@@ -53,7 +53,7 @@ export class Legend {
   }
 
   /** Use the colour scale for coil currents up to ±`range` [A], and label the arrows with the rendered quantity. */
-  coils(range: number, gives: Gives): void {
+  coils(range: number, gives: RenderedQuantity): void {
     const legend = at("legend");
     write(legend.querySelector("figcaption")!, "coil current, A");
     legend.querySelector<HTMLElement>(".key")!.hidden = true;

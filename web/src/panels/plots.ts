@@ -9,7 +9,7 @@ import { channelColour, css, onThemeChange } from "../theme";
 import { at, make, formatNumber, write } from "./dom";
 import { Envelope } from "./envelope";
 
-const KELVIN = 273.15;
+const ZERO_CELSIUS_K = 273.15;
 
 interface Curve {
   label: string;
@@ -218,7 +218,7 @@ export class Plots {
     const small = this.turning && !strong; // torque on a tool: some mN·m
     this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : strong ? 3 : 2, small ? 0.002 : 0.2, this.select);
     this.add("currents A", this.perCoil("current_measured", identity), 2, strong ? 0.2 : 1);
-    this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
+    this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - ZERO_CELSIUS_K), 1, 5, undefined, { warn, derate });
     this.invalidate();
   }
 

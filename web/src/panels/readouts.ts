@@ -5,7 +5,7 @@ import type { Session } from "../session";
 import { duration } from "../status";
 import { at, make, formatNumber, write } from "./dom";
 
-const KELVIN = 273.15;
+const ZERO_CELSIUS_K = 273.15;
 
 export class Readouts {
   private readonly cells: { current: HTMLElement; temperature: HTMLElement }[] = [];
@@ -33,7 +33,7 @@ export class Readouts {
     const currents = sample.list("current_measured");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
-      const celsius = windings[i]! - KELVIN;
+      const celsius = windings[i]! - ZERO_CELSIUS_K;
       write(current, formatNumber(currents[i]!, 2));
       write(temperature, formatNumber(celsius, 1));
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);

@@ -19,7 +19,7 @@ import type { DomeScene } from "../session";
 import { css, onThemeChange } from "../theme";
 import { fieldSensors, partsOf, placePart } from "./parts";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 /** colours of a coil without current, and at its limit */
 const COPPER = new Color("#a8623a");
 const HOT = new Color("#ffcf5a");
@@ -35,9 +35,9 @@ export class Body {
   private readonly edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
 
   constructor(tool: DomeScene, changed: () => void) {
-    const radius = tool.dome_radius * MM;
+    const radius = tool.dome_radius * MM_PER_M;
     const core = new Mesh(
-      new SphereGeometry(tool.core_radius * MM, 32, 20),
+      new SphereGeometry(tool.core_radius * MM_PER_M, 32, 20),
       new MeshPhongMaterial({ color: "#7d8794", specular: "#667", shininess: 40 }),
     );
     this.group.add(core);
@@ -51,11 +51,11 @@ export class Body {
     this.group.add(fieldSensors(tool));
     for (const mark of tool.marks ?? []) {
       const dot = new Mesh(new SphereGeometry(MARK_RADIUS_MM, 12, 8), this.ink);
-      dot.position.set(...mark).multiplyScalar(MM);
+      dot.position.set(...mark).multiplyScalar(MM_PER_M);
       this.group.add(dot);
     }
     this.group.add(this.foot(radius));
-    if (tool.dome_wall > 0) this.group.add(this.rim(radius, radius - tool.dome_wall * MM));
+    if (tool.dome_wall > 0) this.group.add(this.rim(radius, radius - tool.dome_wall * MM_PER_M));
     this.group.add(this.workspace(radius * 1.004, tool.workspace));
     const applyTheme = (): void => {
       this.base.color.set(css("--base"));

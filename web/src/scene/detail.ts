@@ -1,7 +1,7 @@
-// Level of detail: reduced by a step when frames are slow, raised by a step after a long time of fast frames.
+// DetailLevel of detail: reduced by a step when frames are slow, raised by a step after a long time of fast frames.
 
 export const LEVELS = ["full", "layered", "least"] as const;
-export type Level = (typeof LEVELS)[number];
+export type DetailLevel = (typeof LEVELS)[number];
 
 /** Settings of a level; resolutions are the maximum of device pixels per CSS pixel. */
 export interface Detail {
@@ -15,7 +15,7 @@ export interface Detail {
   plotInterval: number;
 }
 
-export const DETAIL: Record<Level, Detail> = {
+export const DETAIL: Record<DetailLevel, Detail> = {
   full: { layered: false, whole: 2, backdrop: 2, moving: 2, plotInterval: 66 },
   layered: { layered: true, whole: 1, backdrop: 1, moving: 1, plotInterval: 100 },
   least: { layered: true, whole: 0.6, backdrop: 1, moving: 0.6, plotInterval: 250 },
@@ -30,8 +30,8 @@ const MIN_LEVEL_TIME_MS = 5000; // before the level is raised; doubled each time
 const MAX_LEVEL_TIME_MS = 320_000;
 const IDLE_GAP_MS = 500; // longer gaps are idle time, not slow drawing
 
-/** Level requested in the page's address (`?detail=full`); null: none. */
-export function requestedLevel(): Level | null {
+/** DetailLevel requested in the page's address (`?detail=full`); null: none. */
+export function requestedLevel(): DetailLevel | null {
   const word = new URLSearchParams(location.search).get("detail");
   return LEVELS.find((level) => level === word) ?? null;
 }
@@ -46,13 +46,13 @@ export class DetailControl {
 
   /** `best`: the initial and highest level; `fixed`: never change it. */
   constructor(
-    readonly best: Level,
+    readonly best: DetailLevel,
     private readonly fixed: boolean,
   ) {
     this.at = LEVELS.indexOf(best);
   }
 
-  get level(): Level {
+  get level(): DetailLevel {
     return LEVELS[this.at]!;
   }
 

@@ -2,10 +2,10 @@
 // code depends on the kind of device.
 
 import type { Sample } from "../sample";
-import type { Gives, Session } from "../session";
+import type { RenderedQuantity, Session } from "../session";
 import type { Home } from "./orbit";
 import type { Stage } from "./stage";
-import type { Subject } from "./subject";
+import type { DeviceDrawing } from "./device_drawing";
 
 /** Panel with the numbers of the present sample. */
 export interface ReadoutPanel {
@@ -22,9 +22,9 @@ export interface DeviceScene {
   /** what the colours show: the force map, the coil currents, or nothing */
   readonly colours: "force" | "currents" | "none";
   home(session: Session): Home;
-  subject(stage: Stage, session: Session): Subject;
+  drawing(stage: Stage, session: Session): DeviceDrawing;
   readouts(session: Session): ReadoutPanel;
 }
 
 /** Index of the first component of the rendered quantity in a wrench. */
-export const firstOf = (gives: Gives): 0 | 3 => (gives === "torque" ? 3 : 0);
+export const firstOf = (gives: RenderedQuantity): 0 | 3 => (gives === "torque" ? 3 : 0);

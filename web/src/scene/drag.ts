@@ -4,7 +4,7 @@
 import type { Vector3 } from "three";
 import type { Orbit } from "./orbit";
 import type { Ray } from "./stage";
-import type { Subject } from "./subject";
+import type { DeviceDrawing } from "./device_drawing";
 import type { HandGoal } from "../wire";
 
 const MOUSE_GRAB_RADIUS_PX = 24;
@@ -45,7 +45,7 @@ export class Drag {
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
-    private readonly subject: Subject,
+    private readonly drawing: DeviceDrawing,
     private readonly orbit: Orbit,
     private readonly onHandGoal: OnHandGoal,
   ) {
@@ -90,7 +90,7 @@ export class Drag {
   private follow(event: PointerEvent): void {
     const { x, y } = this.at(event);
     this.sentAt = event.timeStamp;
-    this.handGoal = this.subject.drag(x, y);
+    this.handGoal = this.drawing.drag(x, y);
     this.onHandGoal(this.handGoal, event.timeStamp, true);
   }
 
@@ -101,10 +101,10 @@ export class Drag {
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { x, y });
     const reach = event.pointerType === "mouse" ? MOUSE_GRAB_RADIUS_PX : TOUCH_GRAB_RADIUS_PX;
-    if (this.enabled && this.holding === null && event.button === 0 && this.subject.near(x, y, reach)) {
+    if (this.enabled && this.holding === null && event.button === 0 && this.drawing.near(x, y, reach)) {
       this.holding = event.pointerId;
       this.canvas.classList.add("holding");
-      this.handGoal = this.subject.grab(x, y);
+      this.handGoal = this.drawing.grab(x, y);
       this.onHandGoal(this.handGoal, event.timeStamp, true);
     }
     event.preventDefault();
@@ -120,7 +120,7 @@ export class Drag {
     } else if (before) {
       this.orbit.turn((before.x - x) * 0.4, (y - before.y) * 0.4);
     } else {
-      this.canvas.classList.toggle("near", this.enabled && this.subject.near(x, y, MOUSE_GRAB_RADIUS_PX));
+      this.canvas.classList.toggle("near", this.enabled && this.drawing.near(x, y, MOUSE_GRAB_RADIUS_PX));
     }
     if (before) this.pointers.set(event.pointerId, { x, y });
   }
@@ -143,8 +143,8 @@ export class Drag {
   private wheel(event: WheelEvent): void {
     event.preventDefault();
     const { x, y } = this.at(event);
-    if (this.enabled && (this.held || this.subject.near(x, y, MOUSE_GRAB_RADIUS_PX))) {
-      this.handGoal = this.subject.press(-Math.sign(event.deltaY) * WHEEL_STEP_MM);
+    if (this.enabled && (this.held || this.drawing.near(x, y, MOUSE_GRAB_RADIUS_PX))) {
+      this.handGoal = this.drawing.press(-Math.sign(event.deltaY) * WHEEL_STEP_MM);
       this.onHandGoal(this.handGoal, event.timeStamp, this.held);
     } else {
       this.orbit.zoom(Math.exp(event.deltaY * 0.001));

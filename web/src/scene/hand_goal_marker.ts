@@ -13,7 +13,7 @@ import {
 } from "three";
 import { css, onThemeChange } from "../theme";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 
 export class HandGoalMarker {
   readonly group = new Group();
@@ -49,11 +49,11 @@ export class HandGoalMarker {
   move(goal: readonly number[], tool: readonly number[], level = false): void {
     this.group.visible = Number.isFinite(goal[0]! + tool[0]!);
     if (!this.group.visible) return;
-    this.ring.position.set(goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
+    this.ring.position.set(goal[0]! * MM_PER_M, goal[1]! * MM_PER_M, goal[2]! * MM_PER_M);
     this.ring.quaternion.setFromUnitVectors(this.up, level ? this.up : this.ring.position.clone().normalize());
     const ends = this.line.geometry.getAttribute("position") as BufferAttribute;
-    ends.setXYZ(0, goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
-    ends.setXYZ(1, tool[0]! * MM, tool[1]! * MM, tool[2]! * MM);
+    ends.setXYZ(0, goal[0]! * MM_PER_M, goal[1]! * MM_PER_M, goal[2]! * MM_PER_M);
+    ends.setXYZ(1, tool[0]! * MM_PER_M, tool[1]! * MM_PER_M, tool[2]! * MM_PER_M);
     ends.needsUpdate = true;
     this.line.geometry.computeBoundingBox();
     this.line.computeLineDistances();

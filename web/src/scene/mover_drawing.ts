@@ -19,7 +19,7 @@ import type { PlateScene } from "../session";
 import { css, onThemeChange } from "../theme";
 import { partsOf, placePart } from "./parts";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const MARKER_RADIUS_MM = 4;
 const TRAIL_POINTS = 240;
 const STEM_RADIUS_MM = 1.6; // for the drawing only: a device file states just the tip of the tool
@@ -65,7 +65,7 @@ export class Marker implements Mover {
   move(p: readonly number[]): void {
     this.ball.visible = Number.isFinite(p[0]!);
     if (!this.ball.visible) return;
-    this.ball.position.set(p[0]! * MM, p[1]! * MM, p[2]! * MM);
+    this.ball.position.set(p[0]! * MM_PER_M, p[1]! * MM_PER_M, p[2]! * MM_PER_M);
     // Append to the trail, and drop its oldest point.
     if (this.trailLength === TRAIL_POINTS) this.trailPoints.copyWithin(0, 3);
     else this.trailLength++;
@@ -91,15 +91,15 @@ export class ArrayTool implements Mover {
     const { origin, tip_distance } = scene.tool;
     const magnets = partsOf(scene, "magnet").filter(({ moves }) => moves);
     const metal = new MeshPhongMaterial({ color: "#8c97a6", specular: "#8899aa", shininess: 60 });
-    const tip = -tip_distance * MM;
+    const tip = -tip_distance * MM_PER_M;
     let lowest = 0;
     this.radius = 0;
     for (const magnet of magnets) {
       const position = magnet.position.map((x, i) => x - origin[i]!) as [number, number, number];
       this.group.add(placePart({ ...magnet, position }, metal));
-      const reach = Math.hypot(magnet.outer_radius, magnet.length / 2) * MM;
-      lowest = Math.min(lowest, position[2] * MM - reach);
-      this.radius = Math.max(this.radius, Math.hypot(...position) * MM + magnet.outer_radius * MM);
+      const reach = Math.hypot(magnet.outer_radius, magnet.length / 2) * MM_PER_M;
+      lowest = Math.min(lowest, position[2] * MM_PER_M - reach);
+      this.radius = Math.max(this.radius, Math.hypot(...position) * MM_PER_M + magnet.outer_radius * MM_PER_M);
     }
     // The stem reaches into the magnets, so that there is no gap.
     const top = Math.max(lowest, tip) * 0.5;
@@ -122,7 +122,7 @@ export class ArrayTool implements Mover {
 
   move(p: readonly number[], q: readonly number[]): void {
     this.group.visible = Number.isFinite(p[0]! + q[0]!);
-    this.group.position.set(p[0]! * MM, p[1]! * MM, p[2]! * MM);
+    this.group.position.set(p[0]! * MM_PER_M, p[1]! * MM_PER_M, p[2]! * MM_PER_M);
     this.group.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
     this.group.updateMatrixWorld();
   }

@@ -16,7 +16,7 @@ import {
 import type { RoundPart, Scene } from "../session";
 import { css, onThemeChange } from "../theme";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const UP = new Vector3(0, 0, 1);
 const CHIP_SIZE_MM = 3; // package of a field sensor, for the drawing only: a device file states just its position
 
@@ -28,7 +28,7 @@ export const partsOf = (scene: Scene, role: RoundPart["role"]): RoundPart[] =>
 
 /** Geometry of an axisymmetric part about its own z axis [mm]. */
 export function roundBody({ inner_radius, outer_radius, length }: RoundPart, segments = 72): LatheGeometry {
-  const [inner, outer, half] = [inner_radius * MM, outer_radius * MM, (length * MM) / 2];
+  const [inner, outer, half] = [inner_radius * MM_PER_M, outer_radius * MM_PER_M, (length * MM_PER_M) / 2];
   // Duplicate every edge, so that normals are not smoothed across it.
   const profile = [[inner, -half], [outer, -half], [outer, -half], [outer, half], [outer, half], [inner, half]];
   if (inner > 0) profile.push([inner, half], [inner, -half]);
@@ -39,7 +39,7 @@ export function roundBody({ inner_radius, outer_radius, length }: RoundPart, seg
 export function placePart(part: RoundPart, material: Material, segments?: number): Mesh {
   const mesh = new Mesh(roundBody(part, segments), material);
   mesh.name = part.role;
-  mesh.position.set(...part.position).multiplyScalar(MM);
+  mesh.position.set(...part.position).multiplyScalar(MM_PER_M);
   mesh.quaternion.setFromUnitVectors(UP, new Vector3(...part.axis).normalize());
   return mesh;
 }
@@ -62,7 +62,7 @@ export function placeEach<M extends Material>(
       const east = new Vector3().crossVectors(UP, out).normalize();
       turn.setFromRotationMatrix(new Matrix4().makeBasis(east, new Vector3().crossVectors(out, east), out));
     }
-    mesh.setMatrixAt(i, at.compose(new Vector3(...place).multiplyScalar(MM), turn, new Vector3(1, 1, 1)));
+    mesh.setMatrixAt(i, at.compose(new Vector3(...place).multiplyScalar(MM_PER_M), turn, new Vector3(1, 1, 1)));
   });
   return mesh;
 }

@@ -21,10 +21,10 @@ import {
   type BufferGeometry,
 } from "three";
 import type { MotorScene, RoundPart } from "../session";
-import { css, mapped, onThemeChange } from "../theme";
+import { css, mapColour, onThemeChange } from "../theme";
 import { fieldSensors, partsOf, placeEach, placePart, roundBody } from "./parts";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const GRIP_RADIUS_MM = 13; // ball of the handle, for the drawing only
 
 export class Rotor {
@@ -74,7 +74,7 @@ export class Rotor {
     this.mover.groups.forEach((row, k) => {
       let current = 0;
       row.forEach((sign, channel) => (current += sign * (currents[channel] ?? 0)));
-      const [r, g, b] = mapped((current || 0) / this.range);
+      const [r, g, b] = mapColour((current || 0) / this.range);
       this.coils.setColorAt(k, this.colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace));
     });
     if (this.coils.instanceColor) this.coils.instanceColor.needsUpdate = true;
@@ -89,13 +89,13 @@ export class Rotor {
 
   /** Base of the handle and centre of its ball [mm]. */
   ends(): [Vector3, Vector3] {
-    return [new Vector3(0, 0, this.radius), new Vector3(0, 0, this.mover.handle_length * MM)].map((point) =>
+    return [new Vector3(0, 0, this.radius), new Vector3(0, 0, this.mover.handle_length * MM_PER_M)].map((point) =>
       this.group.localToWorld(point),
     ) as [Vector3, Vector3];
   }
 
   private get radius(): number {
-    return (distanceOf(this.magnet) + this.magnet.length / 2) * MM;
+    return (distanceOf(this.magnet) + this.magnet.length / 2) * MM_PER_M;
   }
 
   private makeCoils(coils: readonly RoundPart[]): InstancedMesh {
@@ -110,11 +110,11 @@ export class Rotor {
       const axes = some.map((magnet) => magnet.axis);
       // A transparent disc with a solid rim, so that the coils behind it stay visible.
       const rim = new MeshPhongMaterial({ specular: "#445", shininess: 30, side: DoubleSide });
-      const wall = new CylinderGeometry(radius * MM, radius * MM, length * MM, 32, 1, true).rotateX(Math.PI / 2);
+      const wall = new CylinderGeometry(radius * MM_PER_M, radius * MM_PER_M, length * MM_PER_M, 32, 1, true).rotateX(Math.PI / 2);
       const mesh = placeEach(wall, rim, some.map((magnet) => magnet.position), axes);
       this.poles.push({ mesh, north });
       const face = new MeshBasicMaterial({ map: poleTexture(north), transparent: true, depthWrite: false });
-      const letters = placeEach(new CircleGeometry(radius * MM, 32), face, some.map((magnet) => this.face(magnet)), axes, true);
+      const letters = placeEach(new CircleGeometry(radius * MM_PER_M, 32), face, some.map((magnet) => this.face(magnet)), axes, true);
       letters.renderOrder = 2;
       this.group.add(mesh, letters);
     }
@@ -153,7 +153,7 @@ export class Rotor {
       bar.position.set(reach * Math.cos(a), reach * Math.sin(a), 0);
       this.group.add(bar);
     }
-    const end = this.mover.handle_length * MM;
+    const end = this.mover.handle_length * MM_PER_M;
     const stem = new Mesh(new CylinderGeometry(4, 5, end - far, 20), this.frame);
     stem.rotation.x = Math.PI / 2;
     stem.position.z = (far + end) / 2;
@@ -172,7 +172,7 @@ export class Rotor {
   /** Core, column and plate. */
   private foot(): Group {
     const group = new Group();
-    const inner = (distanceOf(this.coil) - this.coil.length / 2) * MM - 1;
+    const inner = (distanceOf(this.coil) - this.coil.length / 2) * MM_PER_M - 1;
     group.add(new Mesh(new SphereGeometry(inner, 40, 28), this.base));
     const profile = [
       [0, -inner],

@@ -13,7 +13,7 @@ import {
 } from "three";
 import { css, onThemeChange } from "../theme";
 import { Backdrop } from "./backdrop";
-import { DETAIL, type Level } from "./detail";
+import { DETAIL, type DetailLevel } from "./detail";
 import { Patch } from "./patch";
 import type { Screen } from "./software_renderer";
 
@@ -51,7 +51,7 @@ export class Stage {
 
   constructor(
     readonly canvas: HTMLCanvasElement,
-    best: Level,
+    best: DetailLevel,
   ) {
     // Without a GPU, antialiasing makes drawing four times slower.
     this.renderer = new WebGLRenderer({ canvas, antialias: best === "full", alpha: true });
@@ -84,7 +84,7 @@ export class Stage {
   }
 
   /** Set the level of detail. */
-  set level(level: Level) {
+  set level(level: DetailLevel) {
     this.detail = DETAIL[level];
     this.resize();
   }

@@ -4,7 +4,7 @@ import { Group, LatheGeometry, Mesh, MeshLambertMaterial, MeshPhongMaterial, Vec
 import type { DomeScene } from "../session";
 import { css, onThemeChange } from "../theme";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const STYLUS_LENGTH_MM = 64; // beyond the magnet; shorter than a real one, to leave room in the view
 const FINGER_LENGTH_MM = 34; // beyond the magnet
 const FINGER_RADIUS_MM = 8;
@@ -18,9 +18,9 @@ export class Stylus {
   constructor(tool: DomeScene, changed: () => void) {
     const { worn, outer_radius, length, tip_distance } = tool.magnet;
     this.end = new Vector3(0, 0, worn ? FINGER_LENGTH_MM : STYLUS_LENGTH_MM);
-    const r = outer_radius * MM;
-    const half = (length * MM) / 2;
-    this.tip = new Vector3(0, 0, -tip_distance * MM);
+    const r = outer_radius * MM_PER_M;
+    const half = (length * MM_PER_M) / 2;
+    this.tip = new Vector3(0, 0, -tip_distance * MM_PER_M);
     const body = r + 0.5;
     const pen = this.lathe(
       worn ? this.finger(body, half) : [
@@ -61,7 +61,7 @@ export class Stylus {
   /** Set position [m] and quaternion R_SR. */
   move(p: readonly number[], q: readonly number[]): void {
     this.group.visible = Number.isFinite(p[0]! + q[0]!);
-    this.group.position.set(p[0]! * MM, p[1]! * MM, p[2]! * MM);
+    this.group.position.set(p[0]! * MM_PER_M, p[1]! * MM_PER_M, p[2]! * MM_PER_M);
     this.group.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
     this.group.updateMatrixWorld();
   }

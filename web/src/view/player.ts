@@ -19,11 +19,11 @@ import { Orbit } from "../scene/orbit";
 import { sceneOf } from "../scene/scenes";
 import { Shapes } from "../scene/shapes";
 import { Stage } from "../scene/stage";
-import type { Subject } from "../scene/subject";
-import { TargetPane } from "../scene/target_pane";
+import type { DeviceDrawing } from "../scene/device_drawing";
+import { ObjectPane } from "../scene/object_pane";
 import { listenToViewButtons } from "../scene/view_buttons";
-import { UnknownToken, token, type Session, type Shape, type TargetScene, type Values } from "../session";
-import { status, type Silence } from "../status";
+import { UnknownToken, token, type Session, type Shape, type ObjectScene, type Values } from "../session";
+import { status, type LinkState } from "../status";
 import type { ForceMap, Mesh, Rows } from "../wire";
 import { loopHealth } from "./loop_health";
 import { KEYS, type PlayerHandle, type Recorded } from "./played";
@@ -52,17 +52,17 @@ class Player {
   private readonly stage: Stage;
   private readonly orbit: Orbit;
   private readonly scene: DeviceScene;
-  private readonly subject: Subject;
+  private readonly drawing: DeviceDrawing;
   private readonly header: Header;
   private readonly world: WorldPanel;
   private readonly readouts: ReadoutPanel;
   private readonly legend: Legend;
   private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
-  private readonly target: TargetPane | null = null;
+  private readonly objectPane: ObjectPane | null = null;
   private readonly shapes: Shapes;
   private readonly plots: Plots;
-  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: false, coils: NaN, missingPose: "", tripProgram: "" };
+  private readonly linkState: LinkState = { disconnected: true, serverEnded: false, servoEnded: false, stale: false, coils: NaN, missingPose: "", tripProgram: "" };
   private readonly costs: { scene: number[]; plots: number[] } = { scene: [], plots: [] };
   private requested = { t: 0, speed: 0, at: 0 };
   private shown = { t: 0, tick: NaN, row: -1, drawn: 0 };
@@ -92,15 +92,15 @@ class Player {
     this.model = new ModelPanel(session.models, () => undefined);
     if (session.modes.length) {
       this.modes = new ModePanel(() => undefined);
-      this.target = new TargetPane(session.world.scene, session.world.shapes, this.detailControl.best);
+      this.objectPane = new ObjectPane(session.world.scene, session.world.shapes, this.detailControl.best);
     }
     this.plots = new Plots(this.history, session, this.scene);
-    this.subject = this.scene.subject(this.stage, session);
-    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
+    this.drawing = this.scene.drawing(this.stage, session);
+    this.shapes = this.objectPane?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
+    if (this.scene.colours === "currents") this.legend.coils(this.drawing.range, session.scene.gives);
     this.legend.arrows(); // a world whose code is missing has no force map, but arrows
     this.legend.device(session.scene);
-    new Drag(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;
+    new Drag(this.stage.canvas, this.drawing, this.orbit, () => undefined).enabled = false;
     fillDialogs(session, this.scene, [], KEYS);
     hideControls(session.played);
     this.freezePanels();
@@ -144,13 +144,13 @@ class Player {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       shapes: () => page.shapes.places,
-      forceAt: (direction) => page.subject.forceAt(direction).force,
+      forceAt: (direction) => page.drawing.forceAt(direction).force,
     };
   }
 
   private get state() {
-    const now = status(this.sample, this.session, this.silence);
-    if (this.silence.disconnected) {
+    const now = status(this.sample, this.session, this.linkState);
+    if (this.linkState.disconnected) {
       return { ...now, reason: "The viewer's server does not respond; this page reconnects by itself. If the server has ended, start `haptorb view` again." };
     }
     return now.reason ? { ...now, reason: `As recorded: ${now.reason}`, engageable: false } : { ...now, engageable: false };
@@ -205,7 +205,7 @@ class Player {
     if (row === this.shown.row && !Number.isNaN(this.shown.tick)) return;
     this.sample.row.set(frame.data.subarray(index * frame.width, (index + 1) * frame.width));
     this.sample.t = frame.t0 + frame.data[index * frame.width]!;
-    this.silence.coils = this.sample.number("coil_state");
+    this.linkState.coils = this.sample.number("coil_state");
     this.shown.t = this.sample.t - this.session.played.start;
     this.shown.tick = frame.tick0 + this.sample.number("tick");
     this.shown.row = row;
@@ -250,10 +250,10 @@ class Player {
         this.world.remark((event["remarks"] ?? []) as string[]);
         this.model.show(event["model"] as string);
         this.shapes.build((event["shapes"] ?? []) as Shape[]);
-        this.target?.build((event["scene"] ?? null) as TargetScene | null);
+        this.objectPane?.build((event["scene"] ?? null) as ObjectScene | null);
         this.freezePanels();
         // Hide the force map of the previous world until that of this one arrives.
-        if (this.scene.colours === "force") this.subject.forget();
+        if (this.scene.colours === "force") this.drawing.forget();
         this.fresh = true;
         break;
       case "unpainted":
@@ -263,10 +263,10 @@ class Player {
   }
 
   private picture(frame: Mesh | ForceMap | Rows): void {
-    if (frame.kind === "mesh") this.subject.shape(frame);
+    if (frame.kind === "mesh") this.drawing.shape(frame);
     else if (frame.kind === "force map") {
-      this.subject.paint(frame);
-      this.legend.scale(this.subject.range);
+      this.drawing.paint(frame);
+      this.legend.scale(this.drawing.range);
     }
   }
 
@@ -278,7 +278,7 @@ class Player {
   }
 
   private onOpen(): void {
-    this.silence.disconnected = false;
+    this.linkState.disconnected = false;
     this.worldKey = "";
     this.plots.freeze(false);
     at("view").classList.remove("dead");
@@ -289,8 +289,8 @@ class Player {
 
   /** Rows that are loaded stay available without a connection. */
   private onClose(): void {
-    if (this.silence.disconnected) return;
-    this.silence.disconnected = this.silence.gone = true;
+    if (this.linkState.disconnected) return;
+    this.linkState.disconnected = this.linkState.serverEnded = true;
     at("view").classList.add("dead");
     this.plots.freeze(true);
   }
@@ -306,8 +306,8 @@ class Player {
     const fresh = this.fresh;
     this.fresh = false;
     if (fresh) {
-      this.subject.show(this.sample);
-      this.target?.show(this.sample);
+      this.drawing.show(this.sample);
+      this.objectPane?.show(this.sample);
       this.shapes.show(this.sample);
       this.legend.show(this.sample);
       this.shown.drawn++;
@@ -317,7 +317,7 @@ class Player {
       if (this.detailControl.frame(now)) this.detail();
       pushTiming(this.costs.scene, performance.now() - begun);
     }
-    this.target?.draw(now);
+    this.objectPane?.draw(now);
     this.plot(now);
     this.updateText(now);
   }
@@ -361,7 +361,7 @@ class Player {
   private detail(): void {
     const { level } = this.detailControl;
     this.stage.level = level;
-    if (this.target) this.target.level = level;
+    if (this.objectPane) this.objectPane.level = level;
     this.plots.interval = DETAIL[level].plotInterval;
     const note = at("detail");
     note.hidden = level === "full";

@@ -3,7 +3,7 @@
 import { readNumber } from "../entry";
 import { at, make, write } from "../panels/dom";
 import { coverPage, MISSING_TOKEN } from "../panels/lock";
-import { type Gives, UnknownToken, token } from "../session";
+import { type RenderedQuantity, UnknownToken, token } from "../session";
 import { Clock, SPEEDS, formatTime } from "./clock";
 import { fetchOverview, type Overview, type Trips } from "./overview";
 import type { Recorded, TimelineHandle } from "./played";
@@ -19,7 +19,7 @@ const MAX_FRAME_S = 0.25; // by which playback advances per frame
 interface Opening {
   version: string;
   started: string;
-  recordings: (Recorded & { gives: Gives; trips: Trips })[];
+  recordings: (Recorded & { gives: RenderedQuantity; trips: Trips })[];
   at: number;
   range: [number, number] | null;
   offset: number;

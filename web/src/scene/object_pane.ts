@@ -2,30 +2,30 @@
 
 import { at, write } from "../panels/dom";
 import type { Sample, Vector } from "../sample";
-import type { Shape, TargetScene } from "../session";
-import type { Level } from "./detail";
+import type { Shape, ObjectScene } from "../session";
+import type { DetailLevel } from "./detail";
 import { Orbit, type Home } from "./orbit";
 import { Shapes } from "./shapes";
 import { Stage } from "./stage";
-import { Target, UNITS_PER_M } from "./target";
+import { ObjectDrawing, UNITS_PER_M } from "./object_drawing";
 
 const HOME: Home = { azimuth: -78, elevation: 52, distance: 360, centre: [56, -14, -22] };
 const INITIAL_PLUG_DISTANCE_M = 17e-3; // of the plug from the socket
 
-export class TargetPane {
+export class ObjectPane {
   private readonly home: Home = { ...HOME };
   private framed = "";
-  private scene: TargetScene | null = null;
+  private scene: ObjectScene | null = null;
   private readonly stage: Stage;
   private readonly orbit: Orbit;
-  private readonly target: Target;
+  private readonly drawing: ObjectDrawing;
   readonly shapes: Shapes;
   private readonly pointers = new Map<number, { x: number; y: number }>();
 
-  constructor(scene: TargetScene | null, shapes: Shape[], best: Level) {
+  constructor(scene: ObjectScene | null, shapes: Shape[], best: DetailLevel) {
     this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
     this.orbit = new Orbit(this.stage.camera, () => this.updateScale(), this.home);
-    this.target = new Target(this.stage);
+    this.drawing = new ObjectDrawing(this.stage);
     this.shapes = new Shapes(this.stage, UNITS_PER_M, shapes, at("bodies"));
     this.build(scene);
     const { canvas } = this.stage;
@@ -55,15 +55,15 @@ export class TargetPane {
   }
 
   /** Set the level of detail. */
-  set level(level: Level) {
+  set level(level: DetailLevel) {
     this.stage.level = level;
   }
 
   /** Replace the object after a change of world or values. */
-  build(scene: TargetScene | null): void {
-    this.target.build(scene);
+  build(scene: ObjectScene | null): void {
+    this.drawing.build(scene);
     const { scene: bodies } = this.shapes;
-    this.target.drawn = !bodies;
+    this.drawing.drawn = !bodies;
     // Only snap-fit worlds have a plug with hooks.
     for (const one of document.querySelectorAll<HTMLElement>("[data-held]")) write(one, bodies ? "body" : "plug");
     at("hooks").hidden = bodies;
@@ -73,7 +73,7 @@ export class TargetPane {
   }
 
   show(sample: Sample): void {
-    this.target.show(sample);
+    this.drawing.show(sample);
   }
 
   draw(now: number): void {
@@ -81,7 +81,7 @@ export class TargetPane {
   }
 
   forget(): void {
-    this.target.forget();
+    this.drawing.forget();
     at("target").classList.add("dead");
   }
 
@@ -91,7 +91,7 @@ export class TargetPane {
 
   /** Drawn position and deflections, for tests. */
   get shown(): { place: Vector; bent: number[] } {
-    return { place: this.target.place, bent: [...this.target.bent] };
+    return { place: this.drawing.place, bent: [...this.drawing.bent] };
   }
 
   private frameAll(): void {
@@ -100,7 +100,7 @@ export class TargetPane {
   }
 
   /** Fit socket and plug, in its initial position, into the view. */
-  private frame({ root, floor, outline }: TargetScene): void {
+  private frame({ root, floor, outline }: ObjectScene): void {
     const from = (Math.min(root, floor) - 2.5e-3) * UNITS_PER_M;
     const to = (outline.at(-1)![0] + INITIAL_PLUG_DISTANCE_M) * UNITS_PER_M;
     this.fitView([(from + to) / 2, -14, -22], 0.58 * (to - from)); // perspective enlarges the nearer end

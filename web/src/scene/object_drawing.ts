@@ -11,7 +11,7 @@ import {
   Vector3,
 } from "three";
 import type { Sample, Vector } from "../sample";
-import type { TargetScene } from "../session";
+import type { ObjectScene } from "../session";
 import { css, onThemeChange } from "../theme";
 import { Arrow } from "./arrow";
 import type { Stage } from "./stage";
@@ -30,7 +30,7 @@ interface Beam extends Strip {
   side: number;
 }
 
-export class Target {
+export class ObjectDrawing {
   private readonly plug = new Group();
   private readonly socket = new Group();
   private readonly plastic = new MeshLambertMaterial({ side: DoubleSide, flatShading: true });
@@ -38,7 +38,7 @@ export class Target {
   private readonly wall = new MeshLambertMaterial({ transparent: true, opacity: 0.55, depthWrite: false });
   private readonly beams: Beam[] = [];
   private readonly arrows: Arrow[];
-  private scene: TargetScene | null = null;
+  private scene: ObjectScene | null = null;
   private lastText = "";
   private readonly last = new Float32Array(23);
   /** drawn deflection of the tip of each hook [m], for tests */
@@ -67,7 +67,7 @@ export class Target {
   }
 
   /** Replace plug and socket, if they changed; null: a plug without a socket. */
-  build(scene: TargetScene | null): void {
+  build(scene: ObjectScene | null): void {
     const text = JSON.stringify(scene);
     if (text === this.lastText) return;
     this.lastText = text;
@@ -159,7 +159,7 @@ export class Target {
     return last;
   }
 
-  private beam(scene: TargetScene, side: number): Beam {
+  private beam(scene: ObjectScene, side: number): Beam {
     const strip = this.strip(scene.along.length, this.metal);
     this.socket.add(strip.mesh);
     const beam = { ...strip, side };
@@ -207,7 +207,7 @@ export class Target {
     };
   }
 
-  private housing({ root, back, section, width, floor, hooks }: TargetScene): void {
+  private housing({ root, back, section, width, floor, hooks }: ObjectScene): void {
     const plate = Math.min(root, floor);
     const box = (from: number, to: number, low: number, high: number): void => {
       if (to - from < 1e-6 || high - low < 1e-6) return;

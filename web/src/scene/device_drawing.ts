@@ -3,7 +3,7 @@
 import type { Sample } from "../sample";
 import type { ForceMap, HandGoal, Mesh } from "../wire";
 
-export interface Subject {
+export interface DeviceDrawing {
   /** hint for a new user, and the effect of each key */
   readonly hint: string;
   readonly keys: readonly (readonly [string, string])[];

@@ -11,16 +11,16 @@ import { ForceDome } from "./force_dome";
 import { HandGoalMarker } from "./hand_goal_marker";
 import type { Stage } from "./stage";
 import { Stylus } from "./stylus";
-import type { Subject } from "./subject";
+import type { DeviceDrawing } from "./device_drawing";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const MIN_LIFT_MM = -6; // hand goalMarker below contact
 const MAX_LIFT_MM = 24;
 const INITIAL_LIFT_MM = -2; // slightly pressed against the dome
 const OPACITY_BEHIND_DOME = 0.35; // of the stylus
 const MAX_ARROW_MM = 72; // at the force limit
 
-export class ToolSubject implements Subject {
+export class DomeDrawing implements DeviceDrawing {
   readonly hint: string;
   readonly keys: readonly (readonly [string, string])[];
   readonly dome: ForceDome;
@@ -50,11 +50,11 @@ export class ToolSubject implements Subject {
       ["← → ↑ ↓", `move the ${held} along the dome by 1° (with Shift: 5°)`],
       ["+ −", `lift or press the ${held}; or the wheel during a drag`],
     ];
-    this.contact = tool.contact_distance * MM;
+    this.contact = tool.contact_distance * MM_PER_M;
     this.workspace = tool.workspace;
     this.arrowScale = MAX_ARROW_MM / limits.force;
     this.limits = limits.current;
-    this.dome = new ForceDome(tool.dome_radius * MM, touch);
+    this.dome = new ForceDome(tool.dome_radius * MM_PER_M, touch);
     this.body = new Body(tool, touch);
     this.stylus = new Stylus(tool, touch);
     this.goalMarker = new HandGoalMarker(touch);
@@ -68,7 +68,7 @@ export class ToolSubject implements Subject {
       this.delivered.mesh,
       this.commanded.mesh,
     );
-    stage.setMoving([this.stylus.group, this.goalMarker.group, this.delivered.mesh, this.commanded.mesh], { radius: tool.dome_radius * MM, opacity: OPACITY_BEHIND_DOME });
+    stage.setMoving([this.stylus.group, this.goalMarker.group, this.delivered.mesh, this.commanded.mesh], { radius: tool.dome_radius * MM_PER_M, opacity: OPACITY_BEHIND_DOME });
   }
 
   get arrowVisible(): boolean {
@@ -103,7 +103,7 @@ export class ToolSubject implements Subject {
     this.drawn.set(now);
     this.stylus.move(p, sample.quaternion("q"));
     this.goalMarker.move(goal, p);
-    const from = new Vector3(p[0] * MM, p[1] * MM, p[2] * MM);
+    const from = new Vector3(p[0] * MM_PER_M, p[1] * MM_PER_M, p[2] * MM_PER_M);
     this.aim(this.delivered, from, delivered);
     this.aim(this.commanded, from, commanded);
     if (this.body.glow(currents, this.limits)) this.stage.touchSlowly();
@@ -208,12 +208,12 @@ export class ToolSubject implements Subject {
 
   private follow(goal: Vector): void {
     this.goalDirection.set(...goal).normalize();
-    const lift = norm(goal) * MM - this.contact;
+    const lift = norm(goal) * MM_PER_M - this.contact;
     this.lift = Math.min(MAX_LIFT_MM, Math.max(MIN_LIFT_MM, lift));
   }
 
   private currentHandGoal(): HandGoal {
-    const p = this.goalDirection.clone().multiplyScalar((this.contact + this.lift) / MM);
+    const p = this.goalDirection.clone().multiplyScalar((this.contact + this.lift) / MM_PER_M);
     return { p: [p.x, p.y, p.z] };
   }
 

@@ -15,15 +15,15 @@ import {
 } from "three";
 import type { Sample } from "../sample";
 import type { PlateScene, Session } from "../session";
-import { css, mapped, onThemeChange } from "../theme";
+import { css, mapColour, onThemeChange } from "../theme";
 import type { HandGoal } from "../wire";
-import { AxesSubject } from "./axes_subject";
+import { AxesDrawing } from "./axes_drawing";
 import { intersectLevelPlane } from "./drag";
 import { ArrayTool } from "./mover_drawing";
 import { partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const MIN_LIFT_M = -6e-3; // hand goal below contact
 const MAX_LIFT_M = 6e-3; // hand goal above the height up to which forces are rendered
 const KEY_STEP_M = 1e-3; // also of the wheel
@@ -45,8 +45,8 @@ class Board {
     this.coils = partsOf(scene, "coil").map(
       (coil) => placePart(coil, new MeshLambertMaterial(), 40) as Mesh<BufferGeometry, MeshLambertMaterial>,
     );
-    const [x, y] = scene.half_width.map((side) => side * MM) as [number, number];
-    const z = scene.height * MM;
+    const [x, y] = scene.half_width.map((side) => side * MM_PER_M) as [number, number];
+    const z = scene.height * MM_PER_M;
     const corners = [[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]].flat();
     const edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
     const rim = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(corners, 3));
@@ -74,12 +74,12 @@ class Board {
   }
 
   private paint(k: number): void {
-    const [r, g, b] = mapped(this.shares[k] ?? 0);
+    const [r, g, b] = mapColour(this.shares[k] ?? 0);
     this.coils[k]!.material.color.copy(this.colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace));
   }
 }
 
-export class PlateSubject extends AxesSubject {
+export class PlateDrawing extends AxesDrawing {
   override readonly hint = "drag the tool";
   override readonly keys = [
     ["← → ↑ ↓", "move the tool along the plate by 1 mm as seen here (with Shift: 5 mm)"],
@@ -117,7 +117,7 @@ export class PlateSubject extends AxesSubject {
   /** Drag in the horizontal plane through the tool. */
   override drag(x: number, y: number): HandGoal {
     this.grasped = true;
-    const to = intersectLevelPlane(this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y), this.handGoal.z * MM)?.divideScalar(MM);
+    const to = intersectLevelPlane(this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y), this.handGoal.z * MM_PER_M)?.divideScalar(MM_PER_M);
     if (to) this.handGoal.set(to.x, to.y, this.handGoal.z);
     return this.clampHandGoal();
   }

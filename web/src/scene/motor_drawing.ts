@@ -9,15 +9,15 @@ import { intersectSphere } from "./drag";
 import { HandGoalMarker } from "./hand_goal_marker";
 import { Rotor } from "./rotor";
 import type { Stage } from "./stage";
-import type { Subject } from "./subject";
-import { angles, axis, quaternionOf, type Quaternion } from "./turn";
+import type { DeviceDrawing } from "./device_drawing";
+import { angles, axis, quaternionOf, type Quaternion } from "./rotor_angles";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const MAX_ARROW_MM = 200; // at the torque limit
 const WHEEL_STEP_DEG = 2; // of spin
 const RAD_PER_DEG = Math.PI / 180;
 
-export class RotorSubject implements Subject {
+export class MotorDrawing implements DeviceDrawing {
   readonly hint = "drag the handle";
   readonly keys = [
     ["← → ↑ ↓", "tilt the handle by 1° (with Shift: 5°)"],
@@ -118,14 +118,14 @@ export class RotorSubject implements Subject {
   grab(x: number, y: number): HandGoal {
     this.grasped = true;
     // Keep the offset on the screen between pointer and ball, so that the handle does not jump when grabbed.
-    const at = this.stage.project(this.along().multiplyScalar(this.handle * MM));
+    const at = this.stage.project(this.along().multiplyScalar(this.handle * MM_PER_M));
     this.grabOffset = { x: at.x - x, y: at.y - y };
     return this.currentHandGoal();
   }
 
   drag(x: number, y: number): HandGoal {
     this.grasped = true;
-    this.aimAt(intersectSphere(this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y), this.handle * MM));
+    this.aimAt(intersectSphere(this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y), this.handle * MM_PER_M));
     return this.currentHandGoal();
   }
 

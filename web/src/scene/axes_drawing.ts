@@ -12,14 +12,14 @@ import { HandGoalMarker } from "./hand_goal_marker";
 import { Marker, type Mover } from "./mover_drawing";
 import { fieldSensors, partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
-import type { Subject } from "./subject";
+import type { DeviceDrawing } from "./device_drawing";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 const AXIS_LENGTH_MM = 60; // of a half axis
 const MAX_ARROW_MM = 72; // at the force limit
 const KEY_STEP_M = 1e-3;
 
-export class AxesSubject implements Subject {
+export class AxesDrawing implements DeviceDrawing {
   readonly hint: string = "drag the marker";
   readonly keys: readonly (readonly [string, string])[] = [
     ["← → ↑ ↓", "move the marker by 1 mm as seen here (with Shift: 5 mm)"],
@@ -59,7 +59,7 @@ export class AxesSubject implements Subject {
     });
     const edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
     const edges = (scene.edges ?? []).map((points) => {
-      const corners = points.map((point) => new Vector3(...point).multiplyScalar(MM));
+      const corners = points.map((point) => new Vector3(...point).multiplyScalar(MM_PER_M));
       return new Line(new BufferGeometry().setFromPoints(corners), edge);
     });
     const copper = new MeshPhongMaterial({ color: "#a8623a", specular: "#442", shininess: 30 });
@@ -92,7 +92,7 @@ export class AxesSubject implements Subject {
       return false;
     }
     this.drawn.set(now);
-    this.at.set(...p).multiplyScalar(MM);
+    this.at.set(...p).multiplyScalar(MM_PER_M);
     this.mover.move(p, q);
     this.goalMarker.move(goal, p, true);
     this.aim(this.delivered, this.at, delivered);
@@ -134,7 +134,7 @@ export class AxesSubject implements Subject {
 
   grab(x: number, y: number): HandGoal {
     this.grasped = true;
-    const at = this.stage.project(this.handGoal.clone().multiplyScalar(MM));
+    const at = this.stage.project(this.handGoal.clone().multiplyScalar(MM_PER_M));
     this.grabOffset = { x: at.x - x, y: at.y - y };
     return this.currentHandGoal();
   }
@@ -144,7 +144,7 @@ export class AxesSubject implements Subject {
     this.grasped = true;
     const ray = this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y);
     const facing = new Vector3().setFromMatrixColumn(this.stage.camera.matrixWorld, 2);
-    this.handGoal.copy(intersectPlane(ray, this.handGoal.clone().multiplyScalar(MM), facing)).divideScalar(MM);
+    this.handGoal.copy(intersectPlane(ray, this.handGoal.clone().multiplyScalar(MM_PER_M), facing)).divideScalar(MM_PER_M);
     return this.currentHandGoal();
   }
 
@@ -169,7 +169,7 @@ export class AxesSubject implements Subject {
   picture(): { coils: number; mover: number[] } {
     let coils = 0;
     this.group.traverseVisible(({ name }) => (coils += name === "coil" ? 1 : 0));
-    return { coils, mover: this.mover.place.divideScalar(MM).toArray() };
+    return { coils, mover: this.mover.place.divideScalar(MM_PER_M).toArray() };
   }
 
   /** Left side, centre and right side of the mover on the page [px]. */
