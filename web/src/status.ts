@@ -39,11 +39,11 @@ export function status(sample: Sample, session: Session, link: LinkState): Statu
     return { word: "coil state unknown", tone: "bad", reason, engageable: false };
   }
   if (link.disconnected && !link.serverEnded) {
-    const reason = "The console's server does not answer yet, because the computer is busy: nothing here is live until it does. This page retries by itself.";
+    const reason = "The console's server does not respond yet, because the computer is busy: nothing here is live until it does. This page retries by itself.";
     return { word: "slow, retrying", tone: "bad", reason, engageable: false };
   }
   if (link.disconnected) {
-    const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again, and open the address that it prints.";
+    const reason = "The console's server does not respond: nothing here is live. Start `haptorb run` again, and open the address that it prints.";
     return { word: "disconnected", tone: "bad", reason, engageable: false };
   }
   if (link.servoEnded) {

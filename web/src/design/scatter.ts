@@ -80,7 +80,7 @@ export class Scatter {
     this.drawOverlay();
   }
 
-  /** Order of designs for the arrow keys, left to right: the front, or the recommended designs if it is a single point. */
+  /** Designs for the arrow keys, left to right: the front, or the recommended designs if it is a single point. */
   private order(): number[] {
     const { front, picks } = this.designs;
     const rows = front.length > 1 ? front : [...new Set([...front, ...picks.map(({ row }) => row)])];

@@ -48,7 +48,7 @@ export class WorldPanel {
     writeRemarks(at("remarks"), remarks);
   }
 
-  /** Update the list of worlds; a user's world may have got other parameters. */
+  /** Update the list of worlds; the parameters of a user's world may have changed. */
   offer(worlds: World[]): void {
     this.session.worlds = worlds;
     this.picker.replaceChildren(...worlds.map(({ name, about }) => make("option", { value: name, title: about }, name)));

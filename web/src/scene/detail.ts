@@ -1,4 +1,4 @@
-// DetailLevel of detail: reduced by a step when frames are slow, raised by a step after a long time of fast frames.
+// Level of detail: reduced by a step when frames are slow, raised by a step after a long time of fast frames.
 
 export const LEVELS = ["full", "layered", "least"] as const;
 export type DetailLevel = (typeof LEVELS)[number];
@@ -30,7 +30,7 @@ const MIN_LEVEL_TIME_MS = 5000; // before the level is raised; doubled each time
 const MAX_LEVEL_TIME_MS = 320_000;
 const IDLE_GAP_MS = 500; // longer gaps are idle time, not slow drawing
 
-/** DetailLevel requested in the page's address (`?detail=full`); null: none. */
+/** Level requested in the page's address (`?detail=full`); null: none. */
 export function requestedLevel(): DetailLevel | null {
   const word = new URLSearchParams(location.search).get("detail");
   return LEVELS.find((level) => level === word) ?? null;

@@ -22,7 +22,7 @@ export interface DeviceDrawing {
   forceAt(direction: readonly number[]): { force: number; saturated: boolean };
   /** Whether (x, y) is within `reach` of the part that can be grabbed [px]. */
   near(x: number, y: number, reach: number): boolean;
-  /** Grab at (x, y), drag to (x, y) [px], or lift (positive) and press (negative) [mm]. Each returns the new hand goal. */
+  /** Grab at (x, y), drag to (x, y) [px], lift or press (negative) [mm]; each returns the new hand goal. */
   grab(x: number, y: number): HandGoal;
   drag(x: number, y: number): HandGoal;
   press(millimetres: number): HandGoal;

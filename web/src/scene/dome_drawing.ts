@@ -14,7 +14,7 @@ import { Stylus } from "./stylus";
 import type { DeviceDrawing } from "./device_drawing";
 
 const MM_PER_M = 1000;
-const MIN_LIFT_MM = -6; // hand goalMarker below contact
+const MIN_LIFT_MM = -6; // hand goal below contact
 const MAX_LIFT_MM = 24;
 const INITIAL_LIFT_MM = -2; // slightly pressed against the dome
 const OPACITY_BEHIND_DOME = 0.35; // of the stylus
@@ -112,7 +112,7 @@ export class DomeDrawing implements DeviceDrawing {
     return true;
   }
 
-  /** whether this page sets the hand goalMarker; otherwise it follows the servo's */
+  /** whether this page sets the hand goal; otherwise it follows the servo's */
   grasped = false;
 
   forget(): void {
@@ -148,7 +148,7 @@ export class DomeDrawing implements DeviceDrawing {
 
   grab(x: number, y: number): HandGoal {
     this.grasped = true;
-    // Keep the offset on the screen between pointer and hand goalMarker, so that the stylus does not jump when grabbed.
+    // Keep the offset on the screen between pointer and hand goal, so that the stylus does not jump when grabbed.
     const at = this.stage.project(this.goalDirection.clone().multiplyScalar(this.contact + this.lift));
     this.grabOffset = { x: at.x - x, y: at.y - y };
     return this.currentHandGoal();
@@ -194,7 +194,7 @@ export class DomeDrawing implements DeviceDrawing {
     });
   }
 
-  /** Set the direction of the hand goalMarker, limited to the workspace. */
+  /** Set the direction of the hand goal, limited to the workspace. */
   private aimAt(direction: Vector3): void {
     const u = direction.clone().normalize();
     const tilt = Math.acos(Math.min(1, Math.max(-1, u.z)));

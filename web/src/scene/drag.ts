@@ -1,5 +1,5 @@
-// Mouse, pen and touch on the 3D view: on the tool they drag it, beside it they rotate and zoom the view. A screen position
-// becomes a position in space by intersecting the camera ray with the surface along which the tool is dragged.
+// Mouse, pen and touch on the 3D view: on the tool they drag it, beside it they rotate and zoom the view. A screen
+// position becomes a position in space by intersecting the camera ray with the surface along which the tool is dragged.
 
 import type { Vector3 } from "three";
 import type { Orbit } from "./orbit";

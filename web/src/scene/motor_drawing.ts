@@ -170,7 +170,7 @@ export class MotorDrawing implements DeviceDrawing {
     return new Vector3(...axis(quaternionOf(this.goalAngles)));
   }
 
-  /** Set the goalMarker of the handle's axis to `direction`, limited to the workspace; keep the spin. */
+  /** Set the hand goal's direction of the handle to `direction`, limited to the workspace; keep the spin. */
   private aimAt(direction: Vector3): void {
     const u = direction.clone().normalize();
     const flat = Math.hypot(u.x, u.y);

@@ -115,7 +115,7 @@ const connection = new Connection<ExperimenterView>(
       setVisible("begin-panel", false);
       setVisible("alert", true);
       setText("alert-word", refused ? "Access refused" : "No connection");
-      setText("alert-text", refused || `The study's program does not answer, and STOP does not work on this page now. If the device still pushes: ${POWER_OFF_INSTRUCTION.toLowerCase()} This page reconnects by itself.`);
+      setText("alert-text", refused || `The study's program does not respond, and STOP does not work on this page now. If the device still pushes: ${POWER_OFF_INSTRUCTION.toLowerCase()} This page reconnects by itself.`);
       setVisible("engage", false);
       setVisible("resume", false);
       element<HTMLButtonElement>("stop").disabled = true;

@@ -266,7 +266,7 @@ function describeStored(): string {
 function describeState(state: string): [string, string] {
   switch (state) {
     case "connecting":
-      return ["No connection", `The study's program does not answer, and STOP on this page does not work now. If you feel a force: ${POWER_OFF_INSTRUCTION.toLowerCase()}\n\nThis page reconnects by itself.`];
+      return ["No connection", `The study's program does not respond, and STOP on this page does not work now. If you feel a force: ${POWER_OFF_INSTRUCTION.toLowerCase()}\n\nThis page reconnects by itself.`];
     case "waiting":
       return ["Welcome", "Please wait for the experimenter."];
     case "starting":

@@ -19,7 +19,7 @@ export interface PlayerHandle {
   /** Time of the tick that is `steps` after the shown one [s]. */
   neighbour(steps: number): number;
   help(): void;
-  /** shown time after the first tick [s], tick, number of redraws, and whether the requested row and its plots are shown */
+  /** shown time after the first tick [s], tick, number of redraws, and whether row and plots are up to date */
   readonly shown: { t: number; tick: number; drawn: number; settled: boolean };
   /** values of a column in the shown row */
   value(name: string): number[];

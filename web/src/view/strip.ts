@@ -141,7 +141,7 @@ export class Strip {
     context.fillText(text, left, 14);
   }
 
-  /** Draw marks with distinct shapes, not only colours: triangle for a trip, diamond for a change of world, bar for missing ticks. */
+  /** Draw marks, told apart by shape too: triangle for a trip, diamond for a change of world, bar for missing ticks. */
   private marks(context: CanvasRenderingContext2D, width: number, height: number): void {
     for (const { kind, t } of this.overview?.marks ?? []) {
       const x = this.x(t, width);
