@@ -1,4 +1,4 @@
-// Bundles the pages into the Python package: scripts, style sheets and documents, nothing from elsewhere.
+// Bundles the pages into the Python package, so that they load nothing from other servers.
 import { build } from "esbuild";
 import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
@@ -9,8 +9,8 @@ if (process.argv.length > 3 || process.argv[2]?.startsWith("-")) {
 }
 const root = process.argv[2] ?? fileURLToPath(new URL("../src/", import.meta.url));
 
-// The renderer carries the shaders of all its materials as text. The page has no physical or toon material, no shadows and
-// no tone mapping: 11 kB less.
+// three.js contains the shaders of all materials as text. The pages use no physical or toon materials, no shadows and no
+// tone mapping; leaving out these shaders saves 11 kB.
 const CHUNKS = /^var ((?:lights_physical|lights_toon|transmission|iridescence|clearcoat|envmap_physical|shadowmap|tonemapping)\w*) = "[^"]*";$/gm;
 const unusedShaders = {
   name: "unused shaders",
@@ -20,7 +20,7 @@ const unusedShaders = {
     })),
 };
 
-/** One program's pages: emptied, bundled, and its documents copied, or changed on the way. */
+/** Bundle the pages of one program into the folder `out`; `documents`: [source, name, optional change of the text]. */
 async function bundle(out, entryPoints, documents) {
   await rm(out, { recursive: true, force: true });
   await mkdir(out, { recursive: true });
@@ -61,7 +61,7 @@ await bundle(
   [["study/participant.html", "participant.html"], ["study/experimenter.html", "experimenter.html"], ["icon.svg", "icon.svg"]],
 );
 
-// A recording is played in the console's own document, with another script.
+// The player of a recording uses the console's document with a different script.
 await bundle(
   `${root}/haptorb/web/view_static`,
   [
@@ -77,7 +77,7 @@ await bundle(
   ],
 );
 
-// The report's script and style go into its one file; the chooser frames the console's own page.
+// The report has script and style inline in one file; the chooser shows the console in an iframe.
 await bundle(
   `${root}/haptorb_design/static`,
   [

@@ -109,7 +109,7 @@ def test_a_study_that_is_slow_is_not_called_gone(
     with open_page(browser, url) as (page, _):
         wait_for(page, STATE, "waiting")
         proxy.pause()
-        wait_for(page, "document.body.innerText.includes('This page comes back by itself.')", True)
+        wait_for(page, "document.body.innerText.includes('This page reconnects by itself.')", True)
         said = page.evaluate("document.body.innerText")
         assert "again" not in said.lower()
         assert "STOP" in said

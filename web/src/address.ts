@@ -1,6 +1,6 @@
-/** Where the server is as this page reaches it: through HTTPS, below a path prefix, at another port. */
+// Server addresses derived from the page's own, so that HTTPS, a path prefix and a forwarded port work.
 
-/** The address of the socket `path`, relative to this page: wss where the page came by https. */
+/** URL of the WebSocket `path`, relative to this page; wss if the page was loaded over https. */
 export function socketAddress(path: string): string {
   const url = new URL(path, document.baseURI);
   url.protocol = url.protocol === "https:" ? "wss:" : "ws:";

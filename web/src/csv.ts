@@ -1,4 +1,4 @@
-// A window of samples as comma-separated values: one line per tick, headed as in a recording's CSV file.
+// CSV export of a range of samples: one line per tick, with the same column heads as a recording's CSV file.
 
 import type { History } from "./history";
 
@@ -13,7 +13,7 @@ export function csv(history: History, first: number, last: number): string {
   return lines.join("\n") + "\n";
 }
 
-/** A float32 needs nine digits at most; an unknown number is an empty cell. */
+/** Nine significant digits represent a float32 exactly; NaN becomes an empty cell. */
 function short(value: number): string {
   if (Number.isNaN(value)) return "";
   return Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(9)));

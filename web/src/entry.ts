@@ -1,21 +1,21 @@
-// Numbers as they were typed: what is not one is refused, and nothing that was typed is changed or left out.
+// Strict parsing of typed numbers: anything ambiguous or not a number is rejected, never corrected silently.
 
 const WHOLE = /^(0|-?[1-9]\d*)$/;
 const DECIMAL = /^-?\d+([.,]\d+)?$/;
 const ANY = /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i;
-const DIGITS = 15; // significant ones, that a computer's number holds exactly
+const MAX_SIGNIFICANT_DIGITS = 15; // that a double represents exactly
 
-/** The whole number that `text` is; null: it is none. */
+/** Parse an integer; null if `text` is not one. */
 export function readWhole(text: string): number | null {
   return WHOLE.test(text) && Number.isSafeInteger(Number(text)) ? Number(text) : null;
 }
 
-/** The number that `text` is, with a decimal point or comma; null: it is none, or might be read in two ways (1,000). */
+/** Parse a number with decimal point or comma; null if `text` is not one, or is ambiguous (1,000). */
 export function readDecimal(text: string): number | null {
   return DECIMAL.test(text) && !/,\d{3}$/.test(text) ? exact(text.replace(",", ".")) : null;
 }
 
-/** The number that `text` is as programs write it, also 1e-3; null: it is none. */
+/** Parse a number in program notation, such as 1e-3; null if `text` is not one. */
 export function readNumber(text: string): number | null {
   return ANY.test(text) ? exact(text) : null;
 }
@@ -23,5 +23,5 @@ export function readNumber(text: string): number | null {
 function exact(text: string): number | null {
   const digits = text.replace(/e.*$/i, "").replace(/[^\d]/g, "").replace(/^0+/, "");
   const value = Number(text);
-  return digits.length <= DIGITS && Number.isFinite(value) ? value : null;
+  return digits.length <= MAX_SIGNIFICANT_DIGITS && Number.isFinite(value) ? value : null;
 }

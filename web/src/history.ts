@@ -1,11 +1,11 @@
-// Every sample of the last minute, in memory that never grows: arrays twice as long as needed, slid back when full.
+// Samples of the last minute in preallocated arrays of twice that length, which are shifted back when full.
 
 import type { Column } from "./session";
 import type { Rows } from "./wire";
 
 export interface Series {
   name: string;
-  /** in a CSV file, with the unit */
+  /** column head in a CSV file, with the unit */
   head: string;
 }
 
@@ -54,7 +54,7 @@ export class History {
     return this.end ? this.time[this.end - this.length]! : NaN;
   }
 
-  /** Indices [first, last) of the samples from time `from` to `to` [s]. */
+  /** Index range [first, last) of the samples from time `from` to `to` [s]. */
   window(from: number, to: number): [number, number] {
     return [this.search(from), this.search(to + 1e-9)];
   }
@@ -67,7 +67,7 @@ export class History {
     return this.values[index]!.subarray(first, last);
   }
 
-  /** First index at or after time `t`. */
+  /** Index of the first sample at or after time `t` [s]. */
   private search(t: number): number {
     let low = this.end - this.length;
     let high = this.end;
@@ -79,7 +79,7 @@ export class History {
     return low;
   }
 
-  /** Forget everything: the server's clock was restarted. */
+  /** Remove all samples: the server's clock was restarted. */
   clear(): void {
     this.end = 0;
   }

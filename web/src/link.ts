@@ -1,42 +1,42 @@
-// The page's end of the socket's thread.
+// Main-thread side of the WebSocket worker.
 
 import type { FromSocket, ToSocket } from "./socket.worker";
-import { parse, type ForceMap, type Mesh, type Pointer, type Rows } from "./wire";
+import { parse, type ForceMap, type Mesh, type PointerMessage, type Rows } from "./wire";
 import { socketAddress } from "./address";
 
 export interface Listener {
   onOpen(): void;
-  /** `code` and `reason` as the server gave them */
+  /** `code` and `reason` of the WebSocket close event */
   onClose(code: number, reason: string): void;
-  /** `came`: when the socket had it, on the page's clock [ms] */
-  frame(frame: Rows | Mesh | ForceMap, came: number): void;
+  /** `receivedAt`: time of receipt in the worker, on the page's clock [ms] */
+  frame(frame: Rows | Mesh | ForceMap, receivedAt: number): void;
   event(event: Record<string, unknown> & { event: string }): void;
 }
 
-const RETRY = 1000; // ms until the socket's thread is loaded again
-const BEAT = 50; // ms between two signs of life to the socket's thread
+const RELOAD_INTERVAL_MS = 1000; // until the worker's script is requested again
+const HEARTBEAT_INTERVAL_MS = 50; // to the worker
 
 export class Link {
   private worker!: Worker;
 
-  /** `patience`: after so long without a sign of life from this page its hold on the stylus ends [ms] */
+  /** `patience`: without a heartbeat from this page for so long, the stylus is released [ms] */
   constructor(
     private readonly token: string,
     private readonly patience: number,
     private readonly listener: Listener,
   ) {
     this.open();
-    setInterval(() => this.post({ kind: "alive" }), BEAT);
+    setInterval(() => this.post({ kind: "alive" }), HEARTBEAT_INTERVAL_MS);
   }
 
   private open(): void {
     const { listener, token, patience } = this;
     this.worker = new Worker("static/socket.js", { type: "module" });
-    let begun = false;
-    // The file did not come; without it the page would wait forever.
-    this.worker.onerror = () => begun || setTimeout(() => this.open(), RETRY);
+    let started = false;
+    // If the script could not be loaded, try again: without the worker the page has no connection.
+    this.worker.onerror = () => started || setTimeout(() => this.open(), RELOAD_INTERVAL_MS);
     this.worker.onmessage = ({ data }: MessageEvent<FromSocket>) => {
-      begun = true;
+      started = true;
       switch (data.kind) {
         case "opened":
           return listener.onOpen();
@@ -46,18 +46,18 @@ export class Link {
           return listener.event(JSON.parse(data.text) as { event: string });
         case "frame": {
           const frame = parse(data.buffer);
-          if (frame) listener.frame(frame, data.came - performance.timeOrigin);
+          if (frame) listener.frame(frame, data.receivedAt - performance.timeOrigin);
         }
       }
     };
     this.post({ kind: "open", url: socketAddress("ws"), protocols: ["haptorb", `token.${token}`], patience });
   }
 
-  point(pointer: Pointer): void {
+  point(pointer: PointerMessage): void {
     this.post({ kind: "pointer", pointer });
   }
 
-  /** The hold on the stylus ends here and now: its pose expires. */
+  /** Release the stylus and discard its pose. */
   drop(): void {
     this.post({ kind: "drop" });
   }

@@ -1,21 +1,21 @@
-// The console: joins the socket, the picture, the panels and the keys. One loop, drawn once per frame.
+// Console page: connects WebSocket, 3D view, panels and keys, and redraws once per animation frame.
 
 import { History } from "./history";
-import { listen } from "./keys";
+import { listenToKeys } from "./keys";
 import { Link } from "./link";
-import { fill, uncover } from "./panels/dialogs";
+import { fillDialogs, placeDialogBelowAlert } from "./panels/dialogs";
 import { at, write } from "./panels/dom";
 import { Header, type Health } from "./panels/header";
 import { Legend } from "./panels/legend";
-import { cover, full, UNKNOWN, UNREACHED } from "./panels/lock";
+import { coverPage, MISSING_TOKEN, NO_RESPONSE, tooManyPages } from "./panels/lock";
 import { FeelPanel } from "./panels/feel";
 import { ModelPanel } from "./panels/model";
 import { ModePanel } from "./panels/modes";
 import { Plots } from "./panels/plots";
 import { WorldPanel } from "./panels/world";
-import { expose } from "./probe";
+import { exposeProbe } from "./probe";
 import { dot, norm, Sample } from "./sample";
-import { firstOf, type DeviceScene, type Readings } from "./scene/device_scene";
+import { firstOf, type DeviceScene, type ReadoutPanel } from "./scene/device_scene";
 import { requestedLevel, DETAIL, DetailControl } from "./scene/detail";
 import { isDrawnInSoftware } from "./scene/graphics";
 import { Drag } from "./scene/drag";
@@ -23,22 +23,23 @@ import { Orbit } from "./scene/orbit";
 import { sceneOf } from "./scene/scenes";
 import { Shapes } from "./scene/shapes";
 import { Stage } from "./scene/stage";
-import type { Subject, Wish } from "./scene/subject";
-import { TargetPane } from "./scene/target_pane";
+import type { DeviceDrawing } from "./scene/device_drawing";
+import { ObjectPane } from "./scene/object_pane";
 import { listenToViewButtons } from "./scene/view_buttons";
 import { Rumble } from "./senses/rumble";
 import { Sound } from "./senses/sound";
-import { session as fetchSession, UnknownToken, token, type FeelState, type Session, type Shape, type TargetScene, type Values, type World } from "./session";
-import { status, type Silence } from "./status";
+import { fetchSession, UnknownToken, token, type FeelState, type Session, type Shape, type ObjectScene, type Values, type World } from "./session";
+import { status, type LinkState } from "./status";
 import { Vector3 } from "three";
-import type { Rows } from "./wire";
+import type { HandGoal, Rows } from "./wire";
 
-const READ = 100; // ms between two readings of the numbers
-const SAY = 4000; // ms between two sentences for those who listen
-const NOTED = 8000; // ms for which a note stands that nobody must act upon
-const FULL = 1013; // the server's word for too many pages
-const STALE = 500; // ms without a sample after which nothing is live
-const RETRY = 1000; // ms until the server is asked again who it is
+const READOUT_INTERVAL_MS = 100;
+const ANNOUNCE_INTERVAL_MS = 4000; // of the readouts for screen readers
+const NOTICE_DURATION_MS = 8000; // of notices that require no action
+const CLOSE_CODE_FULL = 1013; // the server has too many pages open
+const STALE_AFTER_MS = 500; // without a sample
+const RETRY_INTERVAL_MS = 1000; // of the request for the session description
+const MAX_TIMINGS = 500; // kept of each kind
 
 class Console {
   private readonly sample: Sample;
@@ -47,24 +48,24 @@ class Console {
   private readonly stage: Stage;
   readonly orbit: Orbit;
   private readonly scene: DeviceScene;
-  readonly subject: Subject;
+  readonly drawing: DeviceDrawing;
   private readonly drag: Drag;
   private readonly header: Header;
   private readonly world: WorldPanel;
-  private readonly readouts: Readings;
+  private readonly readouts: ReadoutPanel;
   private readonly legend: Legend;
   private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
-  private readonly target: TargetPane | null = null;
+  private readonly objectPane: ObjectPane | null = null;
   readonly shapes: Shapes;
   private readonly feel: FeelPanel | null = null;
   readonly plots: Plots;
   private readonly sound = new Sound();
   private readonly rumble = new Rumble();
   private readonly link: Link;
-  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: true, coils: NaN, missingPose: "", tripProgram: "" };
+  private readonly linkState: LinkState = { disconnected: true, serverEnded: false, servoEnded: false, stale: true, coils: NaN, missingPose: "", tripProgram: "" };
   private readonly sendTimes: number[] = [];
-  private readonly answers: number[] = [];
+  private readonly responseTimes: number[] = [];
   private readonly arrivals: number[] = [];
   private readonly latencies: number[] = [];
   private readonly sceneCosts: number[] = [];
@@ -73,7 +74,7 @@ class Console {
   private fresh = false;
   private arrived = 0;
   private wasDead = false;
-  private changes = 0; // of the socket: opened, closed
+  private changes = 0; // count of socket opens and closes
   private echo = NaN;
   private touched = false;
   private frames = 0;
@@ -81,7 +82,7 @@ class Console {
   private dropped = 0;
   private droppedAt = -Infinity;
   private readAt = 0;
-  private saidAt = 0;
+  private announcedAt = 0;
   private mistakeTimer = 0;
   private health: Health | null = null;
   private noticed = "false false";
@@ -97,70 +98,70 @@ class Console {
     this.legend = this.scene.colours === "force" ? new Legend() : new Legend(["", ""]);
     this.header = new Header(session, () => this.command({ do: "engage" }));
     this.world = new WorldPanel(session, (name, values) => this.command({ do: "world", name, values }));
-    this.readouts = this.scene.readings(session);
+    this.readouts = this.scene.readouts(session);
     this.model = new ModelPanel(session.models, (command) => this.command(command));
     this.model.show(session.world.model);
     if (session.modes.length) {
       this.modes = new ModePanel((command) => this.command(command));
-      this.target = new TargetPane(session.world.scene, session.world.shapes, this.detailControl.best);
+      this.objectPane = new ObjectPane(session.world.scene, session.world.shapes, this.detailControl.best);
     }
     if (session.feel) this.feel = new FeelPanel(session.feel, (act) => this.command({ ...act, do: "feel" }));
     this.plots = new Plots(this.history, session, this.scene);
-    this.subject = this.scene.subject(this.stage, session);
-    // In the frame of what the world acts on: a motor's target has a picture of its own.
-    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
+    this.drawing = this.scene.drawing(this.stage, session);
+    // Drawn in the frame of the object that the world acts on: a motor's object has a view of its own.
+    this.shapes = this.objectPane?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
+    if (this.scene.colours === "currents") this.legend.coils(this.drawing.range, session.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
     this.link = new Link(token(), 1000 * session.patience, {
       onOpen: () => void this.onOpen(),
       onClose: (code, reason) => void this.onClose(code, reason),
-      frame: (frame, came) => {
-        if (frame.kind === "rows") this.rows(frame, came);
-        else if (frame.kind === "mesh") this.subject.shape(frame);
+      frame: (frame, receivedAt) => {
+        if (frame.kind === "rows") this.rows(frame, receivedAt);
+        else if (frame.kind === "mesh") this.drawing.shape(frame);
         else {
-          this.subject.paint(frame);
-          this.legend.scale(this.subject.range);
+          this.drawing.paint(frame);
+          this.legend.scale(this.drawing.range);
         }
       },
       event: (event) => this.event(event),
     });
-    this.drag = new Drag(this.stage.canvas, this.subject, this.orbit, (wish, stamp, held) => this.hold(wish, stamp, held));
-    fill(session, this.scene, this.subject.keys);
+    this.drag = new Drag(this.stage.canvas, this.drawing, this.orbit, (handGoal, stamp, held) => this.hold(handGoal, stamp, held));
+    fillDialogs(session, this.scene, this.drawing.keys);
     this.detail();
     this.buttons();
-    listen(this);
+    listenToKeys(this);
     document.addEventListener("visibilitychange", () => this.onHide());
     this.probe();
     requestAnimationFrame((now) => this.frame(now));
   }
 
-  /** The tool's buttons that a person holds down, for programs that are connected. */
+  /** Forward the pressed buttons of the tool to connected programs. */
   press(buttons: string[]): void {
     if (this.health?.connections?.length) this.command({ do: "buttons", pressed: buttons });
   }
 
-  /** Coils off, at once, whoever asks. */
+  /** Switch the coils off at once; a page without control may do it too. */
   stop(by: string): void {
     this.command({ do: "stop" });
     this.header.disarm();
     write(at("polite"), `Stop sent (${by}).`);
   }
 
-  /** The hand was moved by a key: it rests there. */
-  rest(wish: Wish, stamp: number): void {
-    this.hold(wish, stamp, false);
+  /** Set the hand goal by key, without holding the tool. */
+  rest(handGoal: HandGoal, stamp: number): void {
+    this.hold(handGoal, stamp, false);
   }
 
-  private hold(wish: Wish, stamp: number, held: boolean): void {
+  private hold(handGoal: HandGoal, stamp: number, held: boolean): void {
     if (!this.control) return;
-    this.link.point({ stamp, ...wish, held });
-    keep(this.sendTimes, performance.now() - stamp);
+    this.link.point({ stamp, ...handGoal, held });
+    pushTiming(this.sendTimes, performance.now() - stamp);
     this.touched = true;
     at("hint").hidden = true;
   }
 
-  /** Whoever does not see the page does not hold the stylus: a hidden page is not run often enough to say so in time. */
+  /** Release the stylus when the page is hidden: browsers throttle hidden pages, so heartbeats would come too late. */
   private onHide(): void {
     if (!document.hidden || !this.drag.held) return;
     this.drag.abandon();
@@ -172,44 +173,44 @@ class Console {
   }
 
   private async onOpen(): Promise<void> {
-    if (!this.silence.disconnected) return;
-    // After an interruption another servo may answer: then this page knows the wrong device.
+    if (!this.linkState.disconnected) return;
+    // After an interruption another servo may run at this address, and the page would show the wrong device.
     const opened = ++this.changes;
     const again = await fetchSession().catch(() => null);
-    if (opened !== this.changes) return; // closed meanwhile
+    if (opened !== this.changes) return; // closed in the meantime
     if (again && again.started !== this.session.started) location.reload();
-    this.silence.disconnected = this.silence.gone = false;
-    this.silence.servoEnded = false;
+    this.linkState.disconnected = this.linkState.serverEnded = false;
+    this.linkState.servoEnded = false;
   }
 
   private async onClose(code: number, reason: string): Promise<void> {
     const closed = ++this.changes;
-    this.silence.disconnected = true;
+    this.linkState.disconnected = true;
     this.control = false;
     this.forget();
-    if (code === FULL) cover(full(reason));
+    if (code === CLOSE_CODE_FULL) coverPage(tooManyPages(reason));
     else {
-      // Is there nobody, somebody who does not know it, or one who is slow? A refused connection is a TypeError.
+      // Distinguish no server (fetch rejects with a TypeError), a rejected token and a slow server.
       const mistake: unknown = await fetchSession().catch((mistake: unknown) => mistake);
       if (closed !== this.changes) return;
-      if (mistake instanceof UnknownToken) cover(UNKNOWN);
-      this.silence.gone = mistake instanceof TypeError;
+      if (mistake instanceof UnknownToken) coverPage(MISSING_TOKEN);
+      this.linkState.serverEnded = mistake instanceof TypeError;
     }
   }
 
-  /** Nothing is live: take every number away at once. */
+  /** Clear every readout: no value may look live when it is not. */
   private forget(): void {
     this.sample.forget();
     this.health = null;
     this.header.loop(null);
-    this.subject.forget();
+    this.drawing.forget();
     this.readouts.show(this.sample);
     this.legend.show(this.sample);
     this.modes?.show(this.sample);
     this.model.enable(false);
     this.modes?.enable(false);
     this.feel?.enable(false);
-    this.target?.forget();
+    this.objectPane?.forget();
     this.shapes.forget();
     this.plots.freeze(true);
     at("view").classList.add("dead");
@@ -222,23 +223,23 @@ class Console {
   private revive(): void {
     this.wasDead = false;
     this.plots.freeze(false);
-    this.subject.live();
+    this.drawing.live();
     at("view").classList.remove("dead");
     this.world.enable(this.control);
     this.model.enable(this.control);
     this.modes?.enable(this.control);
     this.feel?.enable(this.control);
-    this.target?.live();
+    this.objectPane?.live();
   }
 
-  private rows(frame: Rows, came: number): void {
-    if (this.silence.disconnected || !frame.count) return;
+  private rows(frame: Rows, receivedAt: number): void {
+    if (this.linkState.disconnected || !frame.count) return;
     if (frame.t0 < this.history.newest - 1) this.history.clear();
-    cover(null);
+    coverPage(null);
     this.history.append(frame);
     this.sample.row.set(frame.data.subarray((frame.count - 1) * frame.width));
     this.sample.t = this.history.newest;
-    this.silence.coils = this.sample.number("coil_state");
+    this.linkState.coils = this.sample.number("coil_state");
     this.frames++;
     if (frame.dropped > this.dropped) this.droppedAt = performance.now();
     this.dropped = frame.dropped;
@@ -246,8 +247,8 @@ class Console {
     this.fresh = true;
     if (Number.isNaN(frame.echo)) return;
     this.echo = frame.echo;
-    keep(this.answers, came - frame.echo);
-    keep(this.arrivals, this.arrived - frame.echo);
+    pushTiming(this.responseTimes, receivedAt - frame.echo);
+    pushTiming(this.arrivals, this.arrived - frame.echo);
   }
 
   private event(event: Record<string, unknown> & { event: string }): void {
@@ -274,12 +275,12 @@ class Console {
         this.world.remark((event["remarks"] ?? []) as string[]);
         this.model.show(event["model"] as string);
         this.shapes.build((event["shapes"] ?? []) as Shape[]);
-        this.target?.build((event["scene"] ?? null) as TargetScene | null);
+        this.objectPane?.build((event["scene"] ?? null) as ObjectScene | null);
         break;
       case "health":
-        this.silence.servoEnded = event["alive"] === false;
-        this.silence.missingPose = String(event["missing_pose"] ?? "");
-        this.silence.tripProgram = String(event["trip_program"] ?? "");
+        this.linkState.servoEnded = event["alive"] === false;
+        this.linkState.missingPose = String(event["missing_pose"] ?? "");
+        this.linkState.tripProgram = String(event["trip_program"] ?? "");
         this.health = event as unknown as Health;
         this.header.showConnections(this.health.connections ?? []);
         this.notice(this.health);
@@ -289,16 +290,16 @@ class Console {
     }
   }
 
-  /** What a person should know beside the numbers, once; the recorder's trouble also stays in the header. */
+  /** Show each new warning once; recording failures also stay in the header. */
   private notice(health: Health): void {
-    // The texts count seconds and megabytes: that is no news.
+    // Texts contain counters (seconds, megabytes): a change of digits alone is not a new warning.
     const kinds = `${Boolean(health.recording_trouble)} ${health.warning.replaceAll(/\d/g, "")}`;
     if (kinds === this.noticed) return;
     this.noticed = kinds;
     const text = [health.recording_trouble && `Recording: ${health.recording_trouble}`, health.warning].filter(Boolean);
     if (text.length) this.showMistake(text.join("; "));
     else at("mistake").hidden = true;
-    // Whoever writes a world reads the place in its code for as long as it is wrong.
+    // An error in the user's world stays visible until it is fixed.
     if (health.world_trouble) clearTimeout(this.mistakeTimer);
   }
 
@@ -307,60 +308,60 @@ class Console {
     write(box, text);
     box.hidden = false;
     clearTimeout(this.mistakeTimer);
-    this.mistakeTimer = window.setTimeout(() => (box.hidden = true), NOTED);
+    this.mistakeTimer = window.setTimeout(() => (box.hidden = true), NOTICE_DURATION_MS);
   }
 
   private frame(now: number): void {
     requestAnimationFrame((next) => this.frame(next));
-    this.silence.stale = performance.now() - this.arrived > STALE;
-    const dead = this.silence.disconnected || this.silence.servoEnded || this.silence.stale;
-    // Silence alone does not open the hand that holds: when samples come again, it is still there.
-    if (this.silence.disconnected || this.silence.servoEnded) this.drag.letGo(now);
+    this.linkState.stale = performance.now() - this.arrived > STALE_AFTER_MS;
+    const dead = this.linkState.disconnected || this.linkState.servoEnded || this.linkState.stale;
+    // A gap in the samples alone does not release the stylus; only a lost connection or an ended servo does.
+    if (this.linkState.disconnected || this.linkState.servoEnded) this.drag.release(now);
     if (dead && !this.wasDead) this.forget();
     else if (!dead && this.wasDead) this.revive();
     if (this.fresh && !dead) {
-      this.subject.show(this.sample);
-      this.target?.show(this.sample);
+      this.drawing.show(this.sample);
+      this.objectPane?.show(this.sample);
       this.shapes.show(this.sample);
       this.legend.show(this.sample);
       this.senses(now);
     }
-    const begun = performance.now();
+    const drawStart = performance.now();
     if (this.stage.draw(now)) {
       this.drawn++;
       if (this.detailControl.frame(now)) this.detail();
-      keep(this.sceneCosts, performance.now() - begun);
+      pushTiming(this.sceneCosts, performance.now() - drawStart);
     }
-    this.target?.draw(now);
+    this.objectPane?.draw(now);
     this.measure();
-    const plotting = performance.now();
-    if (this.plots.draw(now, this.fresh && !dead)) keep(this.plotCosts, performance.now() - plotting);
+    const plotStart = performance.now();
+    if (this.plots.draw(now, this.fresh && !dead)) pushTiming(this.plotCosts, performance.now() - plotStart);
     this.fresh = false;
     this.updateText(now, dead);
   }
 
-  /** From the pointer's event to the force that answers it, drawn. */
+  /** Record the latency from pointer event to drawn force. */
   private measure(): void {
     if (Number.isNaN(this.echo)) return;
-    keep(this.latencies, performance.now() - this.echo);
+    pushTiming(this.latencies, performance.now() - this.echo);
     this.echo = NaN;
   }
 
-  /** Draw as much as there is time for, and say so when that is less than all. */
+  /** Apply the level of detail, and show a note if it is reduced. */
   private detail(): void {
     const { level } = this.detailControl;
     this.stage.level = level;
-    if (this.target) this.target.level = level;
-    this.plots.every = DETAIL[level].plots;
+    if (this.objectPane) this.objectPane.level = level;
+    this.plots.interval = DETAIL[level].plotInterval;
     const note = at("detail");
     note.hidden = level === "full";
     write(note, this.detailControl.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
   }
 
   private updateText(now: number, dead: boolean): void {
-    const present = status(this.sample, this.session, this.silence);
+    const present = status(this.sample, this.session, this.linkState);
     this.header.status(present, this.control);
-    if (now - this.readAt < READ) return;
+    if (now - this.readAt < READOUT_INTERVAL_MS) return;
     this.readAt = now;
     if (!dead) {
       this.readouts.show(this.sample);
@@ -368,12 +369,12 @@ class Console {
       this.header.loop(this.health);
     }
     const lost = at("dropped");
-    lost.hidden = performance.now() - this.droppedAt > NOTED;
+    lost.hidden = performance.now() - this.droppedAt > NOTICE_DURATION_MS;
     if (this.dropped) write(lost, `${this.dropped} samples not shown: this page was too slow`);
     this.hint(dead);
-    uncover();
-    if (!dead && now - this.saidAt > SAY) {
-      this.saidAt = now;
+    placeDialogBelowAlert();
+    if (!dead && now - this.announcedAt > ANNOUNCE_INTERVAL_MS) {
+      this.announcedAt = now;
       const words = [this.readouts.sentence(this.sample), this.modes?.sentence(this.sample) ?? ""];
       write(at("polite"), words.filter(Boolean).join("; "));
     }
@@ -381,13 +382,13 @@ class Console {
 
   private hint(dead: boolean): void {
     const hint = at("hint");
-    // Whoever reads why there is no force need not be shown how to feel it.
+    // While an alert explains why there is no force, the hint would only distract.
     if (!at("alert").hidden) return void (hint.hidden = true);
     if (this.touched || dead || !this.control || !this.session.steered) return;
-    const { x, y } = this.subject.anchor();
-    write(hint, this.subject.hint);
+    const { x, y } = this.drawing.anchor();
+    write(hint, this.drawing.hint);
     hint.hidden = false;
-    // In the part of the picture that nothing else needs; where that is too small, not at all.
+    // Place the hint in the free area of the view; hide it if it does not fit.
     const free = at("free");
     const [right, bottom] = [free.clientWidth - hint.offsetWidth, free.clientHeight - hint.offsetHeight];
     if (right < 0 || bottom < 0) hint.hidden = true;
@@ -411,7 +412,7 @@ class Console {
   }
 
   private buttons(): void {
-    // On the way down, not up: a stop does not wait for a finger.
+    // On pointerdown, so that the stop does not wait for the release.
     at("stop").addEventListener("pointerdown", () => this.stop("button"));
     at("stop").addEventListener("click", (event) => event.detail === 0 && this.stop("button"));
     at("sound").addEventListener("click", () => at("sound").setAttribute("aria-pressed", String(this.sound.toggle())));
@@ -425,7 +426,7 @@ class Console {
 
   private probe(): void {
     const page = this;
-    expose({
+    exposeProbe({
       get frames() {
         return page.frames;
       },
@@ -436,13 +437,13 @@ class Console {
         return page.dropped;
       },
       get status() {
-        return status(page.sample, page.session, page.silence).word;
+        return status(page.sample, page.session, page.linkState).word;
       },
       get latencies() {
         return [...page.latencies];
       },
       get parts() {
-        return { sent: median(page.sendTimes), answered: median(page.answers), arrived: median(page.arrivals), drawn: median(page.latencies) };
+        return { sent: median(page.sendTimes), answered: median(page.responseTimes), arrived: median(page.arrivals), drawn: median(page.latencies) };
       },
       get costs() {
         return { scene: median(page.sceneCosts), plots: median(page.plotCosts) };
@@ -451,13 +452,13 @@ class Console {
         return page.detailControl.level;
       },
       get kept() {
-        return page.stage.kepts;
+        return page.stage.captures;
       },
       get arrow() {
-        return page.subject.arrowVisible;
+        return page.drawing.arrowVisible;
       },
       get range() {
-        return page.subject.range;
+        return page.drawing.range;
       },
       get control() {
         return page.control;
@@ -469,36 +470,36 @@ class Console {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       value: (name) => Array.from(page.sample.list(name)),
-      forceAt: (direction) => page.subject.forceAt(direction),
-      stylus: () => page.subject.places(),
-      picture: () => page.subject.picture?.() ?? { coils: 0, mover: [] },
+      forceAt: (direction) => page.drawing.forceAt(direction),
+      stylus: () => page.drawing.places(),
+      picture: () => page.drawing.picture?.() ?? { coils: 0, mover: [] },
       shapes: () => page.shapes.places,
       spots: () => page.shapes.spots,
-      plug: () => page.target?.shown ?? { place: [], bent: [] },
+      plug: () => page.objectPane?.shown ?? { place: [], bent: [] },
     });
   }
 }
 
-/** The last few hundred numbers of a kind. */
-function keep(list: number[], value: number): void {
+/** Append `value`, and drop the oldest beyond MAX_TIMINGS. */
+function pushTiming(list: number[], value: number): void {
   list.push(value);
-  if (list.length > 500) list.shift();
+  if (list.length > MAX_TIMINGS) list.shift();
 }
 
 const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.length >> 1] ?? NaN;
 
-// Another address pasted over this one differs only behind the #, and would load nothing by itself.
+// A pasted address with another token differs only in the fragment, which does not reload the page by itself.
 addEventListener("hashchange", () => location.reload());
 
-/** Once somebody answers: a connection that was lost while the page loads must not leave it empty for good. */
-async function begin(): Promise<void> {
+/** Start the console once the server responds; retry, so that a failed first request does not leave the page empty. */
+async function start(): Promise<void> {
   const answer = await fetchSession().catch((mistake: unknown) => mistake);
-  if (answer instanceof UnknownToken) cover(UNKNOWN);
+  if (answer instanceof UnknownToken) coverPage(MISSING_TOKEN);
   else if (answer instanceof Error) {
-    cover(UNREACHED);
-    setTimeout(() => void begin(), RETRY);
+    coverPage(NO_RESPONSE);
+    setTimeout(() => void start(), RETRY_INTERVAL_MS);
   } else new Console(answer as Session);
 }
 
-if (!token()) cover(UNKNOWN);
-else void begin();
+if (!token()) coverPage(MISSING_TOKEN);
+else void start();

@@ -1,18 +1,18 @@
-// A read-only window for tests: what the page shows now, as numbers.
+// Read-only test interface `window.haptorb`: what the page currently shows, as numbers.
 
 export interface Probe {
   readonly frames: number;
   readonly drawn: number;
   readonly dropped: number;
   readonly status: string;
-  /** from the pointer's event to the force that answers it, drawn [ms] */
+  /** latency from pointer event to drawn force [ms] */
   readonly latencies: readonly number[];
-  /** and on the way: medians from the event to the page's own knowledge of it, to the answer at the socket, to the
-   * answer on the page, to its drawing [ms] */
+  /** median times from the pointer event to its handler, to the response at the worker, to the response on the page,
+   * and to the drawn response [ms] */
   readonly parts: { sent: number; answered: number; arrived: number; drawn: number };
-  /** median time per frame for the picture and for the plots [ms] */
+  /** median time per frame of the 3D view and of the plots [ms] */
   readonly costs: { scene: number; plots: number };
-  /** how much is drawn, and how often what stands still was drawn to be kept */
+  /** level of detail, and how often the backdrop was drawn */
   readonly level: string;
   readonly kept: number;
   readonly arrow: boolean;
@@ -22,15 +22,15 @@ export interface Probe {
   readonly heap: number;
   value(name: string): number[];
   forceAt(direction: [number, number, number]): { force: number; saturated: boolean };
-  /** where the stylus is on the screen: tip and far end [CSS px of the page] */
+  /** positions of the stylus on the page, from tip to far end [CSS px] */
   stylus(): { x: number; y: number }[];
-  /** how many coils are drawn, and where the mover is drawn [m], where the scene tells it */
+  /** number of coils drawn, and drawn position of the mover [m], if the scene provides them */
   picture(): { coils: number; mover: number[] };
-  /** where the bodies of a world with memory are drawn [m]; null: not drawn */
+  /** drawn positions of the bodies of a world with memory [m]; null: not drawn */
   shapes(): (number[] | null)[];
-  /** where their middles are on their canvas [CSS px] */
+  /** their centres on the canvas [CSS px] */
   spots(): { x: number; y: number }[];
-  /** where the plug is drawn, and how far its hooks' tips are bent [m] */
+  /** drawn position of the plug, and deflection of its hooks' tips [m] */
   plug(): { place: number[]; bent: number[] };
 }
 
@@ -40,6 +40,6 @@ declare global {
   }
 }
 
-export function expose(probe: Probe): void {
+export function exposeProbe(probe: Probe): void {
   Object.defineProperty(window, "haptorb", { value: Object.freeze(probe), writable: false, configurable: false });
 }

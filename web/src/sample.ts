@@ -1,4 +1,4 @@
-// One row by name: where each number of a tick lies, and the few that are computed from it.
+// One row of the servo, with access by column name, and vector helpers.
 
 import type { Column } from "./session";
 
@@ -26,7 +26,7 @@ export class Sample {
     return this.row[this.offset(name)]!;
   }
 
-  /** Three numbers of a column, from its `from`th on. */
+  /** Three consecutive values of a column, starting at index `from`. */
   vector(name: string, from = 0): Vector {
     const i = this.offset(name) + from;
     return [this.row[i]!, this.row[i + 1]!, this.row[i + 2]!];
@@ -42,7 +42,7 @@ export class Sample {
     return this.row.subarray(column.offset, column.offset + column.width);
   }
 
-  /** Nothing is known any more: no old number may be shown as if it were live. */
+  /** Set all values to NaN, so that no stale value is shown as live. */
   forget(): void {
     this.row.fill(NaN);
   }
@@ -52,7 +52,7 @@ export const norm = (v: readonly number[]): number => Math.hypot(v[0]!, v[1]!, v
 export const dot = (a: readonly number[], b: readonly number[]): number =>
   a[0]! * b[0]! + a[1]! * b[1]! + a[2]! * b[2]!;
 
-/** Tilt from the zenith, azimuth [deg] and length of a vector. */
+/** Spherical coordinates of a vector: tilt from +z and azimuth [deg], and length. */
 export function spherical(v: Vector): { tilt: number; azimuth: number; length: number } {
   const length = norm(v);
   return {
@@ -62,7 +62,7 @@ export function spherical(v: Vector): { tilt: number; azimuth: number; length: n
   };
 }
 
-/** The unit vector with that tilt and azimuth [deg]. */
+/** Unit vector with this tilt and azimuth [deg]. */
 export function direction(tilt: number, azimuth: number): Vector {
   const t = (tilt * Math.PI) / 180;
   const a = (azimuth * Math.PI) / 180;

@@ -1,11 +1,11 @@
-// What the server says about itself before the first frame.
+// Session description: what the server sends before the first frame (`haptorb.web.session`).
 
 export interface Column {
   name: string;
   offset: number;
   width: number;
   unit: string;
-  /** of each number in a CSV file, with its own unit, as recordings have them */
+  /** CSV column heads with units, one per value, as in recordings */
   heads: string[];
   about: string;
 }
@@ -27,83 +27,83 @@ export interface World {
 
 export type Values = Record<string, number | number[]>;
 
-/** What a device gives to the hand: the first three numbers of a wrench, or the last three. */
-export type Gives = "force" | "torque";
+/** The part of the wrench that a device renders: its first three components, or its last three. */
+export type RenderedQuantity = "force" | "torque";
 
-/** How the device is drawn; `kind` names the scene, and what else there is belongs to that. */
+/** Description of the device's drawing; `kind` selects the scene, which defines the further fields. */
 export interface Scene {
   kind: string;
-  gives: Gives;
-  /** where the mover is when nobody moves it [m] */
+  gives: RenderedQuantity;
+  /** rest position of the mover [m] */
   rest?: [number, number, number];
-  /** what the device file says of coils and magnets; the mover's as they are at rest */
+  /** coils and magnets from the device file; those of the mover in its rest position */
   parts?: RoundPart[];
   sensors?: [number, number, number][];
   marks?: [number, number, number][];
   /** polygons that bound the workspace [m] */
   edges?: [number, number, number][][];
-  /** what the device file does not state */
+  /** dimensions that the device file omits */
   notes?: string[];
 }
 
-/** A coil or a magnet, round about `axis`; lengths in metres. */
+/** A coil or magnet, axisymmetric about `axis`; lengths in metres. */
 export interface RoundPart {
   name: string;
   role: "coil" | "magnet" | "ring";
-  /** of a coil: the name of its current */
+  /** name of a coil's channel */
   channel: string;
   position: [number, number, number];
   axis: [number, number, number];
   inner_radius: number;
   outer_radius: number;
   length: number;
-  /** positive: its north pole is at the axis' end */
+  /** positive: the north pole faces along `axis` */
   polarity: number;
   moves: boolean;
-  /** false: the device file does not say how large it is */
+  /** false: the device file omits its size */
   stated: boolean;
 }
 
-/** A stylus with a magnet over a dome; lengths in metres, angles in radians. */
+/** Stylus with a magnet over a dome; lengths in metres, angles in radians. */
 export interface DomeScene extends Scene {
   kind: "dome";
   dome_radius: number;
-  /** thickness; 0: the device file does not state it */
+  /** wall thickness; 0: omitted in the device file */
   dome_wall: number;
   contact_distance: number;
   shell_thickness: number;
   workspace: number;
   core_radius: number;
-  /** worn: on a fingertip, not in a pen */
+  /** worn: the magnet is on a fingertip, not in a stylus */
   magnet: { worn: boolean; outer_radius: number; length: number; tip_distance: number };
 }
 
-/** Coils anywhere, and a tool with magnets over a level plate; lengths in metres. */
+/** Coil array and a tool with magnets over a horizontal plate; lengths in metres. */
 export interface PlateScene extends Scene {
   kind: "plate";
-  /** of the plate */
+  /** z of the plate */
   height: number;
-  /** greatest distance of the tool along x and y */
+  /** half width of the workspace along x and y */
   half_width: [number, number];
-  /** of the tool's origin when its tip touches the plate */
+  /** z of the tool's origin when its tip touches the plate */
   contact_height: number;
-  /** how far above contact forces are rendered */
+  /** height above contact up to which forces are rendered */
   thickness: number;
-  /** where the tool's origin is while its magnets are at the places of `parts` */
+  /** origin of the tool for the magnet positions in `parts` */
   tool: { origin: [number, number, number]; tip_distance: number };
 }
 
-/** A rotor with magnets around a stator with coils, and a handle; lengths in metres, angles in radians. */
+/** Rotor with magnets and a handle around a stator with coils; lengths in metres, angles in radians. */
 export interface MotorScene extends Scene {
   kind: "motor";
   workspace: number;
   handle_length: number;
-  /** for every coil, its share of each channel's current */
+  /** (coils, channels): factor from each channel's current to the coil's */
   groups: number[][];
 }
 
-/** What the motor moves, in metres; see the server's `target.py`. */
-export interface TargetScene {
+/** The object that the motor moves, in metres; fields as in `target_scene` of `haptorb.web.session`. */
+export interface ObjectScene {
   hooks: number;
   root: number;
   back: number;
@@ -117,23 +117,23 @@ export interface TargetScene {
   force: number;
 }
 
-/** A body of a world with memory: sizes in metres, and where in the row's memory its place and attitude begin. */
+/** A body of a world with memory: sizes in metres, and indices of its position and quaternion in the row's memory. */
 export interface Shape {
   name: string;
   kind: "sphere" | "capsule" | "cylinder" | "box" | "ellipsoid" | "mesh";
   size: number[];
-  /** what it is to the hand, for its colour */
+  /** determines the colour */
   role: "held" | "moves" | "fixed" | "path" | "";
-  /** centre and quaternion where it begins, and, without a place, stays; may be empty */
+  /** initial position and quaternion, fixed if `place` is null; may be empty */
   at: number[];
-  /** of a mesh: x, y, z of its corners, and which three make a triangle */
+  /** of a mesh: x, y, z of its vertices, and vertex indices of its triangles */
   points: number[];
   corners: number[];
   place: number | null;
   attitude: number | null;
 }
 
-/** A session in which designs are felt and rated; what is hidden is not in it. */
+/** State of a feel session, in which a person rates designs; hidden names and values are omitted. */
 export interface FeelState {
   title: string;
   person: string;
@@ -142,15 +142,15 @@ export interface FeelState {
   scale: [number, number];
   number: number;
   label: string;
-  /** which feeling it is: a rating names it */
+  /** identifies this presentation; a rating refers to it */
   feeling: string;
   score: number | null;
-  /** whether something could be felt of it so far: it can be rated */
+  /** whether the person has felt the design, and may rate it */
   felt: boolean;
   a: number;
   b: number;
   designs: { number: number; label: string; score: number | null; remarks: string[] }[];
-  /** all torques of the handle times `now`; `hand`: force in the hand per force on the part */
+  /** `now`: factor on all torques of the handle; `hand`: force at the hand per force on the part */
   gain: { now: number; low: number; high: number; reason: string; hand: number };
   finished: boolean;
 }
@@ -159,21 +159,21 @@ export interface Session {
   version: string;
   started: string;
   simulated: boolean;
-  /** whether the pointer on this page is the tracker; else dragging moves nothing */
+  /** whether the page's pointer is the tracker; otherwise dragging has no effect */
   steered: boolean;
-  /** after so long without a sign of life a page that holds the mover loses it [s] */
+  /** heartbeat timeout of a page that holds the mover [s] */
   patience: number;
   device: { name: string; title: string; source: string };
-  /** the picture: "dome", "motor", "plate", or another name, which is drawn as axes and a marker */
+  /** "dome", "motor" or "plate"; any other kind is drawn as axes and a marker */
   scene: Scene;
-  /** how the mover can move a target; empty where the world acts on it directly */
+  /** modes of the linkage between mover and object; empty where the world acts on the mover directly */
   modes: string[];
-  /** the models of coils and magnets that the controller can invert, the default first */
+  /** controller models, the default first */
   models: string[];
   columns: Column[];
-  /** what to say of the part of the wrench that is rendered, by the column `part`; empty where there is no choice */
+  /** remark on the rendered part of the wrench, indexed by the column `part`; empty where there is no choice */
   parts: string[];
-  /** what holds a wrench back, in words, by the column `saturated` */
+  /** names of the limits, indexed by the column `saturated` */
   saturations: string[];
   coils: string[];
   limits: {
@@ -186,24 +186,24 @@ export interface Session {
     stop: number;
   };
   worlds: World[];
-  world: { name: string; values: Values; model: string; scene: TargetScene | null; shapes: Shape[]; remarks: string[] };
+  world: { name: string; values: Values; model: string; scene: ObjectScene | null; shapes: Shape[]; remarks: string[] };
   feel: FeelState | null;
-  /** the guard's reasons by code: a word, and what happened and what to do */
+  /** trip reasons by code: a word, and a text with the cause and what to do */
   trips: Record<string, { word: string; text: string }>;
 }
 
-/** What the address says behind its #: whoever knows it may use this console. */
+/** The token in the address's fragment, which authorises requests. */
 export const token = (): string => location.hash.slice(1);
 
-/** The server does not know this page's token. */
+/** The server rejected this page's token. */
 export class UnknownToken extends Error {}
 
-const PATIENCE = 10_000; // for the server's answer [ms]
+const RESPONSE_TIMEOUT_MS = 10_000;
 
-/** Rejects with a UnknownToken if this page is not known, else with an Error. */
-export async function session(): Promise<Session> {
+/** Fetch the session description; rejects with UnknownToken if the token is rejected, otherwise with an Error. */
+export async function fetchSession(): Promise<Session> {
   const headers = { authorization: `Bearer ${token()}` };
-  const answer = await fetch("api/session", { headers, signal: AbortSignal.timeout(PATIENCE) });
+  const answer = await fetch("api/session", { headers, signal: AbortSignal.timeout(RESPONSE_TIMEOUT_MS) });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
   if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/session`);
   return (await answer.json()) as Session;

@@ -1,26 +1,27 @@
-// The socket lives in a thread of its own, so that a drag is refreshed every 12 ms however busy the page is drawing;
-// but only while the page proves that it is alive: a frozen page must not hold a powered stylus. After `patience` without
-// a sign of life the pose is dropped: it expires, or a simulated hand lets go.
+// WebSocket in a worker, so that the pose of a drag is repeated every 12 ms even while the page is busy drawing.
+// A frozen page must not hold a powered stylus: without a heartbeat from the page for `patience`, the pose is discarded;
+// it then expires, and a simulated hand releases the tool.
 
-import { pointerMessage, type Pointer } from "./wire";
+import { encodePointerMessage, type PointerMessage } from "./wire";
 
-/** from the page to this worker */
+/** message from the page to this worker */
 export type ToSocket =
   | { kind: "open"; url: string; protocols: string[]; patience: number }
   | { kind: "alive" }
-  | { kind: "pointer"; pointer: Pointer }
+  | { kind: "pointer"; pointer: PointerMessage }
   | { kind: "drop" }
   | { kind: "command"; text: string };
 
-/** from this worker to the page */
+/** message from this worker to the page */
 export type FromSocket =
   | { kind: "opened" }
   | { kind: "closed"; code: number; reason: string }
   | { kind: "text"; text: string }
-  | { kind: "frame"; buffer: ArrayBuffer; came: number }; // came: when it did [ms since 1970]
+  | { kind: "frame"; buffer: ArrayBuffer; receivedAt: number }; // receivedAt [ms since 1970]
 
-const REFRESH = 12; // ms between two refreshes of a held pointer
-const RETRY = 1000; // ms between two attempts to come back
+const POSE_INTERVAL_MS = 12; // between repetitions of a held pose
+const TIMER_TOLERANCE_MS = 2; // by which a timer may fire early
+const RECONNECT_INTERVAL_MS = 1000;
 
 interface WorkerScope {
   postMessage(message: FromSocket, transfer?: Transferable[]): void;
@@ -29,16 +30,16 @@ interface WorkerScope {
 const page = self as unknown as WorkerScope;
 
 let socket: WebSocket | null = null;
-let held: Pointer | null = null;
+let held: PointerMessage | null = null;
 let sent = 0;
 let alive = 0;
-let patience = 0; // ms without a sign of life after which the page counts as frozen
+let patience = 0; // heartbeat timeout [ms]
 
 function send(data: string | ArrayBuffer): void {
   if (socket?.readyState === WebSocket.OPEN) socket.send(data);
 }
 
-/** Nobody holds the stylus any more, and it rests nowhere. */
+/** Release the stylus; discard its pose. */
 function drop(): void {
   if (held) send(JSON.stringify({ do: "drop" }));
   held = null;
@@ -50,12 +51,12 @@ function open(url: string, protocols: string[]): void {
   socket.onopen = () => page.postMessage({ kind: "opened" });
   socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
     if (typeof data === "string") page.postMessage({ kind: "text", text: data });
-    else page.postMessage({ kind: "frame", buffer: data, came: performance.timeOrigin + performance.now() }, [data]);
+    else page.postMessage({ kind: "frame", buffer: data, receivedAt: performance.timeOrigin + performance.now() }, [data]);
   };
   socket.onclose = ({ code, reason }) => {
     held = null;
     page.postMessage({ kind: "closed", code, reason });
-    setTimeout(() => open(url, protocols), RETRY);
+    setTimeout(() => open(url, protocols), RECONNECT_INTERVAL_MS);
   };
 }
 
@@ -69,7 +70,7 @@ page.onmessage = ({ data: message }) => {
     case "alive":
       break;
     case "pointer":
-      send(pointerMessage(message.pointer));
+      send(encodePointerMessage(message.pointer));
       sent = alive;
       held = message.pointer.held ? { ...message.pointer, stamp: NaN } : null;
       break;
@@ -85,8 +86,8 @@ page.onmessage = ({ data: message }) => {
 setInterval(() => {
   const now = performance.now();
   if (now - alive >= patience) drop();
-  else if (held && now - sent >= REFRESH - 2) {
-    send(pointerMessage(held));
+  else if (held && now - sent >= POSE_INTERVAL_MS - TIMER_TOLERANCE_MS) {
+    send(encodePointerMessage(held));
     sent = now;
   }
-}, REFRESH);
+}, POSE_INTERVAL_MS);

@@ -1,4 +1,4 @@
-// One word for how it is, with a colour, a reason and what to do: never a colour alone.
+// Status of the run as a word with a colour, the reason and what to do; never as a colour alone.
 
 import type { Sample } from "./sample";
 import type { Session } from "./session";
@@ -8,64 +8,64 @@ export type Tone = "good" | "warn" | "bad" | "off";
 export interface Status {
   word: string;
   tone: Tone;
-  /** why, and what to do; empty if there is nothing to say */
+  /** cause, and what to do; may be empty */
   reason: string;
-  /** whether a person may engage again */
+  /** whether re-engaging is possible */
   engageable: boolean;
 }
 
-/** Which part of the page's world is silent. */
-export interface Silence {
+/** State of server, servo and device that is not in the sample. */
+export interface LinkState {
   disconnected: boolean;
-  /** there is no server any more; else it is only slow to answer */
-  gone: boolean;
+  /** while disconnected: no server responds at all; otherwise it is only slow */
+  serverEnded: boolean;
   servoEnded: boolean;
   stale: boolean;
-  /** the coils' state in the last row that came: it stays true of a device that nobody handlers any more */
+  /** coil state in the last row received; still valid for a device that has lost its servo */
   coils: number;
-  /** which pose is waited for, in the server's words; empty while poses are valid */
+  /** the server's text about the missing pose; empty while poses are valid */
   missingPose: string;
-  /** the program that commanded at the last trip; empty: none */
+  /** program that commanded at the last trip; empty: none */
   tripProgram: string;
 }
 
 const GUARD = { off: 0, ramping: 1, running: 2, derated: 3, tripped: 4 };
 const COILS = { off: 0, unknown: 2 };
-const KELVIN = 273.15;
+const ZERO_CELSIUS_K = 273.15;
 
-export function status(sample: Sample, session: Session, silence: Silence): Status {
-  if (silence.coils === COILS.unknown) {
+export function status(sample: Sample, session: Session, link: LinkState): Status {
+  if (link.coils === COILS.unknown) {
     const reason = "The device has not confirmed that its coils are off: keep away from it, and switch off its supply.";
     return { word: "coil state unknown", tone: "bad", reason, engageable: false };
   }
-  if (silence.disconnected && !silence.gone) {
-    const reason = "The console's server does not answer yet, because the computer is busy: nothing here is live until it does. This page retries by itself.";
+  if (link.disconnected && !link.serverEnded) {
+    const reason = "The console's server does not respond yet, because the computer is busy: nothing here is live until it does. This page retries by itself.";
     return { word: "slow, retrying", tone: "bad", reason, engageable: false };
   }
-  if (silence.disconnected) {
-    const reason = "The console's server does not answer: nothing here is live. Start `haptorb run` again, and open the address that it prints.";
+  if (link.disconnected) {
+    const reason = "The console's server does not respond: nothing here is live. Start `haptorb run` again, and open the address that it prints.";
     return { word: "disconnected", tone: "bad", reason, engageable: false };
   }
-  if (silence.servoEnded) {
-    const off = session.simulated || silence.coils === COILS.off;
+  if (link.servoEnded) {
+    const off = session.simulated || link.coils === COILS.off;
     const reason = off
       ? "The real-time process has ended; the coils are off. Start `haptorb run` again."
       : "The real-time process has ended, and the device did not confirm that the coils are off. Check before you touch it.";
     return { word: "servo ended", tone: "bad", reason, engageable: false };
   }
-  if (silence.stale || Number.isNaN(sample.number("guard"))) {
+  if (link.stale || Number.isNaN(sample.number("guard"))) {
     return { word: "waiting", tone: "off", reason: "No sample has arrived for half a second.", engageable: false };
   }
-  const hottest = Math.max(...sample.list("winding")) - KELVIN;
+  const hottest = Math.max(...sample.list("winding")) - ZERO_CELSIUS_K;
   switch (sample.number("guard")) {
     case GUARD.tripped: {
       const { word, text } = session.trips[String(sample.number("trip"))] ?? { word: "tripped", text: "Unknown reason." };
-      const waits = silence.missingPose ? ` ${sentence(silence.missingPose)}` : "";
-      const by = silence.tripProgram ? ` Program: ${silence.tripProgram}.` : "";
+      const waits = link.missingPose ? ` ${sentence(link.missingPose)}` : "";
+      const by = link.tripProgram ? ` Program: ${link.tripProgram}.` : "";
       return { word, tone: "bad", reason: text + waits + by, engageable: true };
     }
     case GUARD.off:
-      if (silence.missingPose) return { word: "no pose yet", tone: "off", reason: sentence(silence.missingPose), engageable: false };
+      if (link.missingPose) return { word: "no pose yet", tone: "off", reason: sentence(link.missingPose), engageable: false };
       return { word: "off", tone: "off", reason: "The coils are off.", engageable: true };
     case GUARD.derated: {
       const share = (session.limits.stop - hottest) / (session.limits.stop - session.limits.derate);
@@ -98,7 +98,7 @@ export function status(sample: Sample, session: Session, silence: Silence): Stat
 
 const sentence = (text: string): string => `${text[0]!.toUpperCase()}${text.slice(1)}.`;
 
-/** Seconds as a person says them; empty when it is not worth saying. */
+/** Format a time as min or s; empty if it is longer than an hour or infinite. */
 export function duration(seconds: number): string {
   if (!Number.isFinite(seconds) || seconds > 3600) return "";
   if (seconds >= 90) return `${Math.round(seconds / 60)} min`;

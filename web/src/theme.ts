@@ -1,5 +1,4 @@
-// Colours that follow the system's light or dark: one place, read by the drawing and written into the style sheet's
-// own variables by the style sheet itself.
+// Light or dark colours for canvas and 3D drawing, from the system's setting and the variables of the style sheet.
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
@@ -7,7 +6,7 @@ export type Rgb = readonly [number, number, number];
 
 export interface Theme {
   dark: boolean;
-  /** the map from −1 (pulls) over 0 to +1 (pushes): blue to orange, told apart by every kind of colour vision */
+  /** colour map from −1 (pulls) to +1 (pushes): blue to orange, safe for all kinds of colour vision */
   map: readonly (readonly [number, string])[];
 }
 
@@ -39,15 +38,15 @@ export function onThemeChange(then: () => void): void {
   dark.addEventListener("change", then);
 }
 
-/** A colour of the style sheet, as it is now. */
+/** Current value of a variable of the style sheet. */
 export function css(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
 const channel = (hex: string, i: number): number => parseInt(hex.slice(1 + 2 * i, 3 + 2 * i), 16);
 
-/** The map's colour at −1…1, 0…255 per channel. */
-export function mapped(value: number, { map } = theme()): Rgb {
+/** Colour of the map at −1…1; 0…255 per channel. */
+export function mapColour(value: number, { map } = theme()): Rgb {
   const x = Math.min(1, Math.max(-1, value));
   let k = 1;
   while (k < map.length - 1 && map[k]![0] < x) k++;
@@ -57,17 +56,17 @@ export function mapped(value: number, { map } = theme()): Rgb {
   return [0, 1, 2].map((i) => channel(c0, i) * (1 - s) + channel(c1, i) * s) as unknown as Rgb;
 }
 
-/** The map as a picture, 256 by 1, RGBA. */
+/** The colour map as a 256 × 1 RGBA image. */
 export function mapPixels(): Uint8Array {
   const pixels = new Uint8Array(256 * 4);
   const now = theme();
   for (let i = 0; i < 256; i++) {
-    pixels.set([...mapped((i / 255) * 2 - 1, now).map(Math.round), 255], 4 * i);
+    pixels.set([...mapColour((i / 255) * 2 - 1, now).map(Math.round), 255], 4 * i);
   }
   return pixels;
 }
 
-/** A colour for one of many channels: hues apart, neighbours light and dark in turn. */
+/** Colour of channel `channel` of `of`: evenly spaced hues, with alternating lightness between neighbours. */
 export function channelColour(channel: number, of: number): string {
   if (of <= 3) return css(`--s${"xyz"[channel % 3]!}`);
   const light = (dark.matches ? [72, 56, 84] : [42, 55, 30])[channel % 3]!;

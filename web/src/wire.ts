@@ -1,39 +1,39 @@
-// The binary frames between page and server; the server's side of this is `web/wire.py`.
+// Binary frames between page and server; must match `haptorb/web/wire.py`.
 
 export const MAGIC = 0x484f5242;
 export const VERSION = 1;
 export const HEADER = 48;
 export const Kind = { rows: 1, mesh: 2, forceMap: 3 } as const;
 
-/** A batch of ticks: `count` rows of `width` numbers; t and tick are counted from `t0` and `tick0`. */
+/** A batch of `count` rows of `width` values; t and tick are relative to `t0` and `tick0`. */
 export interface Rows {
   kind: "rows";
   count: number;
   width: number;
   t0: number;
   tick0: number;
-  /** this page's own time stamp of the pointer event that these rows answer [ms], or NaN */
+  /** the page's time stamp of the pointer event that the newest row responds to [ms]; NaN: none */
   echo: number;
-  /** rows that this page never got, in total */
+  /** total of rows that were not sent because this page was too slow */
   dropped: number;
   data: Float32Array;
 }
 
-/** The dome: unit vectors and triangles. */
+/** Mesh of the dome: vertices as unit vectors, and triangles. */
 export interface Mesh {
   kind: "mesh";
   directions: Float32Array;
   triangles: Uint32Array;
 }
 
-/** The map: radial force [N] per vertex, and whether the device is at its limit there. */
+/** Force map: radial force [N] per vertex, and whether a limit is reached there. */
 export interface ForceMap {
   kind: "force map";
   force: Float32Array;
   saturated: Uint8Array;
 }
 
-/** What a frame says, or null if it is not one of ours. */
+/** Decode a frame; null if its header is unknown. */
 export function parse(buffer: ArrayBuffer): Rows | Mesh | ForceMap | null {
   if (buffer.byteLength < HEADER) return null;
   const head = new DataView(buffer, 0, HEADER);
@@ -70,16 +70,21 @@ export function parse(buffer: ArrayBuffer): Rows | Mesh | ForceMap | null {
   }
 }
 
-/** Where the pointer wants the mover; `stamp` NaN: a refresh that needs no answer. Without `q` the device decides. */
-export interface Pointer {
-  stamp: number;
+/** Where the hand wants the mover: position [m] and quaternion (x, y, z, w). Without `q` the device's default applies. */
+export interface HandGoal {
   p: readonly [number, number, number];
   q?: readonly [number, number, number, number];
+}
+
+/** Hand goal from the page's pointer. */
+export interface PointerMessage extends HandGoal {
+  /** time of the pointer event [ms]; NaN: a repetition without echo */
+  stamp: number;
   held: boolean;
 }
 
-/** The pointer's message. */
-export function pointerMessage({ stamp, p, q, held }: Pointer): ArrayBuffer {
+/** Encode a pointer message. */
+export function encodePointerMessage({ stamp, p, q, held }: PointerMessage): ArrayBuffer {
   const numbers = new Float64Array([stamp, ...p, ...(q ?? [NaN, NaN, NaN, NaN]), held ? 1 : 0]);
   return numbers.buffer;
 }

@@ -1,22 +1,22 @@
-// The page of `haptorb design show`: a design is chosen, its device starts with its coils off, and the console's own
-// page, in a frame, shows it and lets it be felt.
+// Page of `haptorb design show`: the user chooses a design; its device starts with the coils off, and its console appears
+// in an iframe.
 
 import { at, make, write } from "../panels/dom";
-import { cover, UNKNOWN } from "../panels/lock";
+import { coverPage, MISSING_TOKEN } from "../panels/lock";
 import { UnknownToken, token } from "../session";
 import { describe, type Designs } from "./designs";
 import { Numbers } from "./numbers";
 import { Scatter } from "./scatter";
 
-const OFTEN = 400; // ms between two questions while a device starts
-const SELDOM = 2000; // ms otherwise: another page may choose, the program may end
-const NAMED = 2; // objectives beside the name of the device that runs; the table has all of them
-const LOST = 3; // questions without an answer after which the page is covered; it goes on asking
+const STARTING_POLL_INTERVAL_MS = 400; // while a device starts
+const POLL_INTERVAL_MS = 2000; // otherwise: another page may choose a design, the program may end
+const TITLE_OBJECTIVES = 2; // named beside the running design; the table shows all
+const MAX_MISSED_RESPONSES = 3; // before the page is covered; polling continues
 
-/** What the program does now. */
-interface Now {
+/** State of the program. */
+interface ProgramState {
   state: "none" | "starting" | "running" | "refused";
-  /** of the design, −1 for none; the base device has none either, and `base` is true */
+  /** row of the running design; −1: none, or the base device if `base` */
   row: number;
   base: boolean;
   url: string;
@@ -26,17 +26,17 @@ interface Now {
 declare global {
   interface Window {
     /** for tests */
-    chooser: { marked: number; now: Now | null };
+    chooser: { marked: number; now: ProgramState | null };
   }
 }
 
-const UNREACHED = {
+const NO_RESPONSE = {
   title: "The program does not respond",
-  text: "This page comes back by itself when it does. If the program has ended, start `haptorb design show RESULTS`, and open the address that it prints.",
+  text: "This page reconnects by itself. If the program has ended, start `haptorb design show RESULTS`, and open the address that it prints.",
 };
-const BASE = -1; // what is asked for to have the base device
+const BASE_ROW = -1; // requests the base device
 
-async function ask<T>(path: string, body?: unknown): Promise<T> {
+async function request<T>(path: string, body?: unknown): Promise<T> {
   const headers = { authorization: `Bearer ${token()}`, "content-type": "application/json" };
   const answer = await fetch(path, body === undefined ? { headers } : { method: "POST", headers, body: JSON.stringify(body) });
   if (answer.status === 403) throw new UnknownToken(await answer.text());
@@ -51,32 +51,32 @@ class Chooser {
   private readonly feel = at<HTMLButtonElement>("feel");
   private readonly stop = at<HTMLButtonElement>("stop");
   private frame: HTMLIFrameElement | null = null;
-  private marked = BASE;
-  private own = false; // whether this page asked for what starts
-  private misses = 0;
+  private marked = BASE_ROW;
+  private own = false; // whether this page requested the start
+  private missedResponses = 0;
   private timer = 0;
 
   constructor(private readonly designs: Designs) {
-    window.chooser = { marked: BASE, now: null };
+    window.chooser = { marked: BASE_ROW, now: null };
     document.title = `haptorb · ${designs.title}`;
     write(at("title"), designs.title);
     this.numbers = new Numbers(designs);
     this.scatter = new Scatter(designs, (row) => this.mark(row), (row) => void this.choose(row));
     at("scatter").append(this.scatter.root);
     at("numbers").append(this.numbers.root);
-    this.picks.append(make("option", { value: String(BASE) }, `${designs.base} (base device)`));
+    this.picks.append(make("option", { value: String(BASE_ROW) }, `${designs.base} (base device)`));
     this.picks.append(...designs.picks.map(({ row, reason }, k) => make("option", { value: String(row) }, `${k + 1}: ${designs.names[row]}, ${reason}`)));
     this.picks.append(make("option", { value: "other", hidden: true }, "another design"));
     this.picks.addEventListener("change", () => {
       if (Number(this.picks.value) >= 0) this.mark(Number(this.picks.value));
-      else this.marked = BASE;
+      else this.marked = BASE_ROW;
       this.button();
     });
     this.feel.addEventListener("click", () => void this.choose(this.marked));
-    this.stop.addEventListener("click", () => void this.halt());
-    addEventListener("keydown", (event) => event.key === "Escape" && void this.halt());
+    this.stop.addEventListener("click", () => void this.sendStop());
+    addEventListener("keydown", (event) => event.key === "Escape" && void this.sendStop());
     if (designs.picks.length) this.mark(designs.picks[0]!.row);
-    void this.look();
+    void this.poll();
   }
 
   private mark(row: number): void {
@@ -97,36 +97,36 @@ class Chooser {
     if (window.chooser.now?.state === "starting") return;
     try {
       this.own = true;
-      this.show(await ask<Now>("api/choose", { row }));
+      this.show(await request<ProgramState>("api/choose", { row }));
     } catch (mistake) {
       this.say(`Not started: ${(mistake as Error).message}`, true);
     }
-    this.later(OFTEN);
+    this.schedulePoll(STARTING_POLL_INTERVAL_MS);
   }
 
-  /** Coils off at once; they stay off until somebody engages them in the console. */
-  private async halt(): Promise<void> {
+  /** Switch the coils off at once, until a person engages them in the console. */
+  private async sendStop(): Promise<void> {
     try {
-      await ask("api/stop", {});
+      await request("api/stop", {});
     } catch (mistake) {
       this.say(`STOP was not confirmed: ${(mistake as Error).message}. Press Ctrl-C in the terminal.`, true);
     }
   }
 
-  private later(time: number): void {
+  private schedulePoll(time: number): void {
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => void this.look(), time);
+    this.timer = setTimeout(() => void this.poll(), time);
   }
 
-  private async look(): Promise<void> {
+  private async poll(): Promise<void> {
     try {
-      this.show(await ask<Now>("api/now"));
-      this.misses = 0;
-      cover(null);
+      this.show(await request<ProgramState>("api/now"));
+      this.missedResponses = 0;
+      coverPage(null);
     } catch {
-      if (++this.misses >= LOST) cover(UNREACHED);
+      if (++this.missedResponses >= MAX_MISSED_RESPONSES) coverPage(NO_RESPONSE);
     }
-    this.later(window.chooser.now?.state === "starting" ? OFTEN : SELDOM);
+    this.schedulePoll(window.chooser.now?.state === "starting" ? STARTING_POLL_INTERVAL_MS : POLL_INTERVAL_MS);
   }
 
   private say(text: string, bad: boolean): void {
@@ -135,9 +135,9 @@ class Chooser {
     state.dataset["tone"] = bad ? "bad" : "";
   }
 
-  private show(now: Now): void {
+  private show(now: ProgramState): void {
     window.chooser.now = now;
-    const name = now.base ? `${this.designs.base}, the base device` : now.row >= 0 ? describe(this.designs, now.row, NAMED) : "";
+    const name = now.base ? `${this.designs.base}, the base device` : now.row >= 0 ? describe(this.designs, now.row, TITLE_OBJECTIVES) : "";
     const said = {
       none: "No device runs. Choose a design.",
       starting: `Starting ${name}. ${now.text}`,
@@ -146,7 +146,7 @@ class Chooser {
     }[now.state];
     this.say(said, now.state === "refused");
     this.stop.disabled = now.state !== "running";
-    this.scatter.take(now.row);
+    this.scatter.setChosen(now.row);
     this.button();
     if (now.state !== "running") {
       this.frame?.remove();
@@ -155,7 +155,7 @@ class Chooser {
       this.frame?.remove();
       this.frame = make("iframe", { src: now.url, title: `Console: ${name}` });
       at("device").append(this.frame);
-      // On a narrow screen the device is below everything else.
+      // On a narrow screen the device is at the bottom of the page.
       if (this.own) at("device").scrollIntoView({ block: "end" });
       this.own = false;
     }
@@ -165,9 +165,9 @@ class Chooser {
 
 addEventListener("hashchange", () => location.reload());
 
-if (!token()) cover(UNKNOWN);
+if (!token()) coverPage(MISSING_TOKEN);
 else
-  ask<Designs>("api/designs").then(
+  request<Designs>("api/designs").then(
     (designs) => new Chooser(designs),
-    (mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED),
+    (mistake: unknown) => coverPage(mistake instanceof UnknownToken ? MISSING_TOKEN : NO_RESPONSE),
   );

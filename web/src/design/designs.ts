@@ -1,14 +1,14 @@
-// The designs that a report or the chooser shows, and how their numbers are written.
+// Designs of a report or of the chooser, and formatting of their values.
 
 export interface Column {
-  /** as people read it */
+  /** name for display */
   title: string;
-  /** with its prefix; the values are in it */
+  /** unit of the values, with prefix */
   unit: string;
   kind: "parameter" | "objective" | "constraint";
-  /** 1: to be made great; −1: to be made small; 0: neither */
+  /** 1: maximised; −1: minimised; 0: neither */
   sense: number;
-  /** of a choice, whose values are places in this list */
+  /** options of a choice, whose values are indices of this list */
   labels: string[] | null;
   values: (number | null)[];
   base: number | null;
@@ -16,43 +16,43 @@ export interface Column {
 
 export interface Designs {
   title: string;
-  /** what the designs are compared with */
+  /** name of the base device, to which designs are compared */
   base: string;
-  /** how the forces of the base device are computed, if not as those of the designs; else empty */
+  /** how the base device's forces are computed, if not as those of the designs; otherwise empty */
   remark: string;
-  /** what each design is called */
+  /** name of each design */
   names: string[];
   columns: Column[];
   /** rows of the Pareto front */
   front: number[];
-  /** designs that were chosen to be looked at */
+  /** recommended designs */
   picks: { row: number; reason: string }[];
 }
 
-/** The base device's name, with the mark of its remark. */
+/** Name of the base device, with an asterisk if there is a remark on it. */
 export const nameBase = ({ base, remark }: Designs): string => (remark ? `${base} *` : base);
 
-/** The value of a column in one row, as a number; NaN where there is none. */
+/** Value of a column in one row; NaN: none. */
 export const valueAt = (column: Column, row: number): number => column.values[row] ?? NaN;
 
-/** A number as people read it: four digits, a true minus. */
-export function number(value: number): string {
+/** Format a number with four significant digits and a minus sign (U+2212). */
+export function formatNumber(value: number): string {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const text = size >= 1e5 || (size > 0 && size < 1e-3) ? value.toExponential(2) : String(Number(value.toPrecision(4)));
   return text.replace("-", "−").replace("e+", "e");
 }
 
-/** A value of a column with its unit. */
+/** Format a value of a column with its unit. */
 export function formatValue(column: Column, value: number | null): string {
   if (value === null || !Number.isFinite(value)) return "unknown";
-  return column.labels ? (column.labels[value] ?? "unknown") : `${number(value)} ${column.unit}`.trim();
+  return column.labels ? (column.labels[value] ?? "unknown") : `${formatNumber(value)} ${column.unit}`.trim();
 }
 
-/** Title and unit, as an axis has it. */
+/** Axis title with unit. */
 export const titleOf = ({ title, unit }: Column): string => (unit ? `${title} [${unit}]` : title);
 
-/** One line on a design: its name, why it was picked, its objectives, or the first `most` of them. */
+/** Describe a design in one line: name, reason of the recommendation, first `most` objectives. */
 export function describe(designs: Designs, row: number, most = Infinity): string {
   const pick = designs.picks.findIndex((one) => one.row === row);
   const why = pick < 0 ? (designs.front.includes(row) ? " (on the front)" : "") : ` (no. ${pick + 1}: ${designs.picks[pick]!.reason})`;
@@ -61,8 +61,8 @@ export function describe(designs: Designs, row: number, most = Infinity): string
 }
 
 /**
- * From where to where a column is drawn: of an objective the front, the base, and what most designs come to, so that
- * a few designs that hardly work do not press all others together.
+ * Axis range of a column. For an objective it covers the front, the base device and 90 % of the designs, so that a few
+ * outliers do not compress the rest; `whole`: all designs.
  */
 export function range(designs: Designs, column: Column, whole: boolean): [number, number] {
   const known = column.values.filter((value) => value !== null && Number.isFinite(value)).sort((a, b) => a! - b!) as number[];
@@ -80,7 +80,7 @@ export function range(designs: Designs, column: Column, whole: boolean): [number
   return [low - room, high + room];
 }
 
-/** Round numbers within a range, about `count` of them. */
+/** About `count` round numbers within a range. */
 export function ticks(low: number, high: number, count: number): number[] {
   const rough = (high - low) / Math.max(count, 1);
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -90,8 +90,8 @@ export function ticks(low: number, high: number, count: number): number[] {
   return found;
 }
 
-/** The ticks of a column, and what stands at them. */
+/** Ticks of a column with their labels. */
 export function marks(column: Column, low: number, high: number, count: number): [number, string][] {
   if (column.labels) return column.labels.map((label, place) => [place, label]);
-  return ticks(low, high, count).map((value) => [value, number(Number(value.toPrecision(10)))]);
+  return ticks(low, high, count).map((value) => [value, formatNumber(Number(value.toPrecision(10)))]);
 }

@@ -1,4 +1,4 @@
-// Two canvases one above the other: what is drawn once, and what follows the pointer.
+// Two stacked canvases: static content below, highlights that follow the pointer above.
 
 export class Layers {
   readonly box = document.createElement("div");
@@ -6,7 +6,7 @@ export class Layers {
   width = 0;
   height = 0;
 
-  /** `redraw` is called whenever the size or the theme has changed. */
+  /** `redraw`: called after every change of size or theme. */
   constructor(className: string, redraw: () => void) {
     this.box.className = `layers ${className}`;
     for (const canvas of this.canvases) {
@@ -29,7 +29,7 @@ export class Layers {
     }
   }
 
-  /** An empty layer to draw on, in CSS pixels: 0 below, 1 above. */
+  /** Clear a layer (0 below, 1 above), and return its context in CSS pixels. */
   clear(layer: 0 | 1): CanvasRenderingContext2D {
     const context = this.canvases[layer].getContext("2d")!;
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
@@ -38,12 +38,12 @@ export class Layers {
     return context;
   }
 
-  /** The lower layer as it is, to draw more on it. */
+  /** Context of the lower layer, without clearing it. */
   get below(): CanvasRenderingContext2D {
     return this.canvases[0].getContext("2d")!;
   }
 
-  /** Where a pointer is, in CSS pixels of the layers. */
+  /** Position of a pointer event on the layers [CSS px]. */
   place({ clientX, clientY }: PointerEvent | MouseEvent): [number, number] {
     const { left, top } = this.box.getBoundingClientRect();
     return [clientX - left, clientY - top];

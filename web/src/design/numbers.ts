@@ -1,4 +1,4 @@
-// The numbers of the design that is pointed at, beside those of the base device.
+// Table of the highlighted design's values beside those of the base device.
 
 import { make } from "../panels/dom";
 import { nameBase, titleOf, valueAt, formatValue, type Column, type Designs } from "./designs";
@@ -36,7 +36,7 @@ export class Numbers {
   }
 }
 
-/** A value without its unit, which stands in the row's head. */
+/** Value without its unit, which is in the row's head. */
 const plain = (column: Column, value: number): string => {
   const text = formatValue(column, value);
   return column.unit && text.endsWith(` ${column.unit}`) ? text.slice(0, -column.unit.length - 1) : text;

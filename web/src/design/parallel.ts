@@ -1,16 +1,17 @@
-// Designs as lines over parallel axes, one for each parameter and objective; parts of axes filter.
+// Parallel-coordinates plot of parameters and objectives; ranges on its axes filter the designs.
 
 import { make } from "../panels/dom";
 import { css } from "../theme";
-import { marks, number, range, titleOf, valueAt, type Column, type Designs } from "./designs";
+import { formatNumber, marks, range, titleOf, valueAt, type Column, type Designs } from "./designs";
 import { Layers } from "./layers";
 
-const MARGIN = { top: 14, bottom: 14 };
-const NARROWEST = 108; // px between two axes
-const PIECE = 1500; // lines that are drawn between two pictures
-const NEAR = 24; // px from the pointer within which a line is marked
-const SEVERAL = "several"; // what stands for a part of an axis that holds several choices, or none
-const GRIP = 18; // px from an axis within which the pointer takes hold of it
+const MARGIN_PX = { top: 14, bottom: 14 };
+const MIN_AXIS_SPACING_PX = 108;
+const LINES_PER_FRAME = 1500;
+const HIGHLIGHT_RADIUS_PX = 24; // around the pointer
+const AXIS_GRAB_RADIUS_PX = 18;
+const CLICK_RADIUS_PX = 4; // a shorter drag is a click
+const SEVERAL = "several"; // option for a filter that keeps several choices, or none
 
 export class Parallel {
   readonly root = make("div", { className: "parallel" });
@@ -25,13 +26,13 @@ export class Parallel {
   private readonly choice = make("select");
   private readonly numeric = [make("label", {}, "from ", this.from), make("label", {}, "to ", this.to)];
   private readonly named = make("label", {}, "which is ", this.choice);
-  /** whether all lines are there */
+  /** whether all lines are drawn */
   drawn = false;
   private marked = -1;
   private task = 0;
   private held: { column: Column; start: number } | null = null;
 
-  /** `mark`: a design is pointed at; `filter`: only designs with a 1 are within the filters, null: all are. */
+  /** `mark`: called for the design at the pointer; `filter`: called with 1 for each design that is kept, null: all. */
   constructor(
     private readonly designs: Designs,
     private readonly mark: (row: number) => void,
@@ -42,12 +43,12 @@ export class Parallel {
     this.layers = new Layers("lines", () => this.draw());
     const heads = this.columns.map((column) => make("span", {}, titleOf(column)));
     const wide = make("div", { className: "axes" }, make("div", { className: "heads" }, ...heads), this.layers.box);
-    wide.style.minWidth = `${this.columns.length * NARROWEST}px`;
+    wide.style.minWidth = `${this.columns.length * MIN_AXIS_SPACING_PX}px`;
     const scroll = make("div", { className: "wide", tabIndex: 0, role: "group" }, wide);
     scroll.ariaLabel = "Parallel coordinates; the filters below set the same ranges by keyboard";
     this.root.append(scroll, this.form(), this.count);
     this.listen();
-    this.tell(null);
+    this.updateStatus(null);
   }
 
   private form(): HTMLElement {
@@ -67,17 +68,17 @@ export class Parallel {
     });
     clear.addEventListener("click", () => {
       this.filters.clear();
-      this.fill();
+      this.updateFields();
       this.apply();
     });
-    this.which.addEventListener("change", () => this.fill());
-    this.fill();
+    this.which.addEventListener("change", () => this.updateFields());
+    this.updateFields();
     const show = make("label", {}, "Show only ", this.which);
     return make("div", { className: "pickers" }, show, ...this.numeric, this.named, set, clear);
   }
 
-  /** The fields say the filter of the column that is chosen: two numbers, or the name of a choice. */
-  private fill(): void {
+  /** Show the filter of the selected column in the input fields. */
+  private updateFields(): void {
     const column = this.columns[Number(this.which.value)]!;
     const span = this.filters.get(column);
     for (const field of this.numeric) field.hidden = column.labels !== null;
@@ -95,7 +96,7 @@ export class Parallel {
     if (span) this.filters.set(column, span);
     else this.filters.delete(column);
     this.which.value = String(this.columns.indexOf(column));
-    this.fill();
+    this.updateFields();
     this.apply();
   }
 
@@ -107,7 +108,7 @@ export class Parallel {
         if (!(value >= low && value <= high)) kept![row] = 0;
       });
     }
-    this.tell(kept);
+    this.updateStatus(kept);
     this.filter(kept);
     this.kept = kept;
     this.draw();
@@ -115,18 +116,18 @@ export class Parallel {
 
   private kept: Uint8Array | null = null;
 
-  private tell(kept: Uint8Array | null): void {
+  private updateStatus(kept: Uint8Array | null): void {
     const all = this.designs.names.length;
-    const named = [...this.filters].map(([column, span]) => `${column.title} ${part(column, span)}`);
+    const named = [...this.filters].map(([column, span]) => `${column.title} ${describeFilter(column, span)}`);
     this.count.textContent = kept
       ? `${kept.reduce((sum, one) => sum + one, 0)} of ${all} designs: ${named.join("; ")}.`
       : "Drag along an axis to show only designs within that range; click the axis to show all again.";
   }
 
-  /** The design that is pointed at anywhere on the page. */
+  /** Highlight a design. */
   show(row: number): void {
     this.marked = row;
-    this.over();
+    this.drawOverlay();
   }
 
   private across(k: number): number {
@@ -140,8 +141,8 @@ export class Parallel {
 
   private height(k: number, value: number): number {
     const [low, high] = this.ends[k]!;
-    const room = this.layers.height - MARGIN.top - MARGIN.bottom;
-    return MARGIN.top + (1 - (value - low) / (high - low)) * room;
+    const room = this.layers.height - MARGIN_PX.top - MARGIN_PX.bottom;
+    return MARGIN_PX.top + (1 - (value - low) / (high - low)) * room;
   }
 
   private listen(): void {
@@ -149,21 +150,21 @@ export class Parallel {
     const axis = (x: number): number => Math.min(Math.max(Math.floor((x * this.columns.length) / this.layers.width), 0), this.columns.length - 1);
     const value = (k: number, y: number): number => {
       const [low, high] = this.ends[k]!;
-      const room = this.layers.height - MARGIN.top - MARGIN.bottom;
-      return low + (1 - Math.min(Math.max((y - MARGIN.top) / room, 0), 1)) * (high - low);
+      const room = this.layers.height - MARGIN_PX.top - MARGIN_PX.bottom;
+      return low + (1 - Math.min(Math.max((y - MARGIN_PX.top) / room, 0), 1)) * (high - low);
     };
     box.addEventListener("pointerdown", (event) => {
       const [x, y] = this.layers.place(event);
       const k = axis(x);
-      if (event.button || Math.abs(this.across(k) - x) > GRIP) return;
+      if (event.button || Math.abs(this.across(k) - x) > AXIS_GRAB_RADIUS_PX) return;
       box.setPointerCapture(event.pointerId);
       this.held = { column: this.columns[k]!, start: y };
       event.preventDefault();
     });
     box.addEventListener("pointermove", (event) => {
       const [x, y] = this.layers.place(event);
-      if (this.held) return this.over(y);
-      box.style.cursor = Math.abs(this.across(axis(x)) - x) > GRIP ? "crosshair" : "ns-resize";
+      if (this.held) return this.drawOverlay(y);
+      box.style.cursor = Math.abs(this.across(axis(x)) - x) > AXIS_GRAB_RADIUS_PX ? "crosshair" : "ns-resize";
       const row = this.nearest(x, y);
       if (row >= 0 && row !== this.marked) this.mark(row);
     });
@@ -174,7 +175,7 @@ export class Parallel {
       this.held = null;
       const k = this.columns.indexOf(column);
       const span = [value(k, start), value(k, y)].sort((a, b) => a - b) as [number, number];
-      this.set(column, Math.abs(y - start) < 4 ? null : span);
+      this.set(column, Math.abs(y - start) < CLICK_RADIUS_PX ? null : span);
     };
     box.addEventListener("pointerup", end);
     box.addEventListener("pointercancel", () => (this.held = null));
@@ -186,7 +187,7 @@ export class Parallel {
     if (k < 0) return -1;
     const share = Math.min(Math.max((x - this.across(k)) / step, 0), 1);
     let best = -1;
-    let least = NEAR;
+    let least = HIGHLIGHT_RADIUS_PX;
     for (let row = 0; row < this.designs.names.length; row++) {
       if (this.kept && !this.kept[row]) continue;
       const away = Math.abs((1 - share) * this.up(k, row) + share * this.up(k + 1, row) - y);
@@ -195,7 +196,7 @@ export class Parallel {
     return best;
   }
 
-  /** All lines, in pieces, so that the page answers meanwhile; the front last, above the others. */
+  /** Draw all lines in batches, so that the page stays responsive; the front last, on top. */
   private draw(): void {
     cancelAnimationFrame(this.task);
     const context = this.layers.clear(0);
@@ -203,14 +204,14 @@ export class Parallel {
     if (!this.layers.width) return;
     const front = new Set(this.designs.front);
     const rows = this.designs.names.map((_, row) => row).filter((row) => !front.has(row) && (!this.kept || this.kept[row]));
-    const veil = Math.min(0.5, Math.max(0.05, 60 / rows.length));
-    const piece = (start: number): void => {
-      context.globalAlpha = veil;
+    const opacity = Math.min(0.5, Math.max(0.05, 60 / rows.length));
+    const drawBatch = (start: number): void => {
+      context.globalAlpha = opacity;
       context.strokeStyle = css("--muted");
       context.lineWidth = 1;
-      for (const row of rows.slice(start, start + PIECE)) this.line(context, row);
-      if (start + PIECE < rows.length) {
-        this.task = requestAnimationFrame(() => piece(start + PIECE));
+      for (const row of rows.slice(start, start + LINES_PER_FRAME)) this.line(context, row);
+      if (start + LINES_PER_FRAME < rows.length) {
+        this.task = requestAnimationFrame(() => drawBatch(start + LINES_PER_FRAME));
         return;
       }
       context.globalAlpha = 0.7;
@@ -220,8 +221,8 @@ export class Parallel {
       this.axes(context);
       this.drawn = true;
     };
-    piece(0);
-    this.over();
+    drawBatch(0);
+    this.drawOverlay();
   }
 
   private line(context: CanvasRenderingContext2D, row: number): void {
@@ -237,8 +238,8 @@ export class Parallel {
       const x = this.across(k);
       context.strokeStyle = css("--text");
       context.beginPath();
-      context.moveTo(x, MARGIN.top);
-      context.lineTo(x, this.layers.height - MARGIN.bottom);
+      context.moveTo(x, MARGIN_PX.top);
+      context.lineTo(x, this.layers.height - MARGIN_PX.bottom);
       context.stroke();
       const [low, high] = this.ends[k]!;
       context.lineWidth = 4;
@@ -246,15 +247,15 @@ export class Parallel {
       context.fillStyle = css("--text");
       for (const [value, text] of marks(column, low, high, 5)) {
         const y = this.height(k, value);
-        context.strokeText(text, x + 5, y + 4, NARROWEST - 30);
-        context.fillText(text, x + 5, y + 4, NARROWEST - 30);
+        context.strokeText(text, x + 5, y + 4, MIN_AXIS_SPACING_PX - 30);
+        context.fillText(text, x + 5, y + 4, MIN_AXIS_SPACING_PX - 30);
       }
       context.lineWidth = 1;
     });
   }
 
-  /** The design that is pointed at, the filters, and the part that is being dragged to `y`. */
-  private over(y = NaN): void {
+  /** Draw the highlighted design, the filters, and the range that is being dragged to `y`. */
+  private drawOverlay(y = NaN): void {
     const context = this.layers.clear(1);
     context.fillStyle = css("--accent");
     context.globalAlpha = 0.35;
@@ -273,8 +274,8 @@ export class Parallel {
   }
 }
 
-/** What a filter keeps, in words. */
-function part(column: Column, [low, high]: [number, number]): string {
+/** Describe the range of a filter. */
+function describeFilter(column: Column, [low, high]: [number, number]): string {
   if (column.labels) return column.labels.filter((_, place) => place >= low && place <= high).join(" or ") || "none";
-  return `${number(low)} to ${number(high)}`.replaceAll("–", "any");
+  return `${formatNumber(low)} to ${formatNumber(high)}`.replaceAll("–", "any");
 }

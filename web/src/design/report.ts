@@ -1,4 +1,4 @@
-// The page of `haptorb design report`: what moves in it. Everything else on the page is there without this.
+// Interactive plots in the page of `haptorb design report`; the rest of the page works without this script.
 
 import { at } from "../panels/dom";
 import type { Designs } from "./designs";
@@ -8,7 +8,7 @@ import { Scatter } from "./scatter";
 
 declare global {
   interface Window {
-    /** for tests: the design that is pointed at, and whether everything is drawn */
+    /** for tests: row of the highlighted design, and whether drawing is complete */
     report: { marked: number; readonly ready: boolean };
   }
 }
@@ -31,7 +31,7 @@ if (designs.names.length) {
     numbers.show(row);
   };
   const scatter = new Scatter(designs, mark, (row) => {
-    scatter.take(row);
+    scatter.setChosen(row);
     const pick = designs.picks.findIndex((one) => one.row === row);
     if (pick >= 0) at(`best-${pick + 1}`).scrollIntoView();
   });

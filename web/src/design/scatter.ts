@@ -1,15 +1,15 @@
-// Designs as points over two of their numbers: the Pareto front, the base device, the designs that were picked.
+// Scatter plot of all designs over two columns, with Pareto front, base device and recommended designs.
 
 import { make } from "../panels/dom";
 import { css } from "../theme";
 import { describe, marks, nameBase, range, titleOf, valueAt, type Column, type Designs } from "./designs";
 import { Layers } from "./layers";
 
-const MARGIN = { left: 74, right: 18, top: 12, bottom: 46 };
-const NEAR = 40; // px from the pointer within which a design is marked
-const PREFER = 0.6; // a point of the front counts as so much nearer
-const LETTER = 12; // height of a letter, in px
-const BESIDE: [number, number][] = [[6, -6], [6, 16], [-14, -6], [-14, 16], [20, 5]]; // possible positions of a pick's number, in px
+const MARGIN_PX = { left: 74, right: 18, top: 12, bottom: 46 };
+const HIGHLIGHT_RADIUS_PX = 40; // around the pointer
+const FRONT_DISTANCE_FACTOR = 0.6; // makes points of the front easier to hit
+const LETTER_HEIGHT_PX = 12;
+const LABEL_OFFSETS_PX: [number, number][] = [[6, -6], [6, 16], [-14, -6], [-14, 16], [20, 5]]; // candidates for the number of a recommended design
 
 export class Scatter {
   readonly root = make("div", { className: "scatter" });
@@ -25,7 +25,7 @@ export class Scatter {
   private marked = -1;
   private chosen = -1;
 
-  /** `mark`: a design is pointed at; `choose`: it is taken, by click or Enter. */
+  /** `mark`: called for the design at the pointer; `choose`: called for a design chosen by click or Enter. */
   constructor(
     private readonly designs: Designs,
     private readonly mark: (row: number) => void,
@@ -56,38 +56,38 @@ export class Scatter {
     select.addEventListener("change", () => {
       take(columns[Number(select.value)]!);
       this.draw();
-      this.tell();
+      this.updateSlider();
     });
     return make("label", {}, `${name} `, select);
   }
 
-  /** Only designs that `kept` has a 1 for are drawn in full. */
+  /** Draw designs with 0 in `kept` faintly; null: none. */
   filter(kept: Uint8Array | null): void {
     this.kept = kept;
     this.draw();
   }
 
-  /** The design that is pointed at anywhere on the page. */
+  /** Highlight a design. */
   show(row: number): void {
     this.marked = row;
-    this.over();
-    this.tell();
+    this.drawOverlay();
+    this.updateSlider();
   }
 
-  /** The design that was taken. */
-  take(row: number): void {
+  /** Mark a design as chosen. */
+  setChosen(row: number): void {
     this.chosen = row;
-    this.over();
+    this.drawOverlay();
   }
 
-  /** What the keys go through: the front, or where it is one point what was picked, from left to right. */
+  /** Designs for the arrow keys, left to right: the front, or the recommended designs if it is a single point. */
   private order(): number[] {
     const { front, picks } = this.designs;
     const rows = front.length > 1 ? front : [...new Set([...front, ...picks.map(({ row }) => row)])];
     return [...rows].sort((a, b) => valueAt(this.x, a) - valueAt(this.x, b) || a - b);
   }
 
-  private tell(): void {
+  private updateSlider(): void {
     const order = this.order();
     const place = order.indexOf(this.marked);
     this.slider.ariaValueMin = "1";
@@ -122,15 +122,15 @@ export class Scatter {
       else return;
       event.preventDefault();
     });
-    this.tell();
+    this.updateSlider();
   }
 
   private nearest(x: number, y: number): number {
     let best = -1;
-    let least = NEAR;
+    let least = HIGHLIGHT_RADIUS_PX;
     for (let row = 0; row < this.designs.names.length; row++) {
       if (this.kept && !this.kept[row]) continue;
-      const away = Math.hypot(this.places[2 * row]! - x, this.places[2 * row + 1]! - y) * (this.front.has(row) ? PREFER : 1);
+      const away = Math.hypot(this.places[2 * row]! - x, this.places[2 * row + 1]! - y) * (this.front.has(row) ? FRONT_DISTANCE_FACTOR : 1);
       if (away < least) [best, least] = [row, away];
     }
     return best;
@@ -141,10 +141,10 @@ export class Scatter {
     const context = layers.clear(0);
     const [x0, x1] = range(designs, x, this.whole.checked);
     const [y0, y1] = range(designs, y, this.whole.checked);
-    const right = layers.width - MARGIN.right;
-    const bottom = layers.height - MARGIN.bottom;
-    const across = (value: number): number => MARGIN.left + ((value - x0) / (x1 - x0)) * (right - MARGIN.left);
-    const up = (value: number): number => bottom - ((value - y0) / (y1 - y0)) * (bottom - MARGIN.top);
+    const right = layers.width - MARGIN_PX.right;
+    const bottom = layers.height - MARGIN_PX.bottom;
+    const across = (value: number): number => MARGIN_PX.left + ((value - x0) / (x1 - x0)) * (right - MARGIN_PX.left);
+    const up = (value: number): number => bottom - ((value - y0) / (y1 - y0)) * (bottom - MARGIN_PX.top);
     this.axes(context, { across, up, right, bottom, ends: [x0, x1, y0, y1] });
     let beyond = 0;
     const size = designs.names.length > 2000 ? 3 : 4;
@@ -163,7 +163,7 @@ export class Scatter {
     this.beyond.textContent = beyond ? `${beyond} of ${designs.names.length} designs lie beyond these axes.` : "";
     this.special(context, across, up, inside);
     context.globalAlpha = 1;
-    this.over();
+    this.drawOverlay();
   }
 
   private special(
@@ -197,7 +197,7 @@ export class Scatter {
     const taken: [number, number][] = [];
     this.designs.picks.forEach(({ row }, k) => {
       const [x, y] = [this.places[2 * row]!, this.places[2 * row + 1]!];
-      const around = BESIDE.map(([dx, dy]): [number, number] => [x + dx, y + dy]);
+      const around = LABEL_OFFSETS_PX.map(([dx, dy]): [number, number] => [x + dx, y + dy]);
       const free = around.find(([a, b]) => taken.every(([c, d]) => Math.abs(a - c) > 11 || Math.abs(b - d) > 13));
       const [px, py] = free ?? around[0]!;
       taken.push([px, py]);
@@ -206,12 +206,12 @@ export class Scatter {
     });
   }
 
-  /** The base device's name beside its diamond, which is at (x, y) and the origin: on the side where it lies inside the plot. */
+  /** Label the base device's diamond at (x, y), the origin of `context`, on the side with enough room. */
   private label(context: CanvasRenderingContext2D, x: number, y: number): void {
     const name = nameBase(this.designs);
-    const left = x + 10 + context.measureText(name).width > this.layers.width - MARGIN.right;
+    const left = x + 10 + context.measureText(name).width > this.layers.width - MARGIN_PX.right;
     context.textAlign = left ? "right" : "left";
-    context.fillText(name, left ? -10 : 10, y - 6 - LETTER < MARGIN.top ? 6 + LETTER : -6);
+    context.fillText(name, left ? -10 : 10, y - 6 - LETTER_HEIGHT_PX < MARGIN_PX.top ? 6 + LETTER_HEIGHT_PX : -6);
     context.textAlign = "left";
   }
 
@@ -230,27 +230,27 @@ export class Scatter {
       context.stroke();
     };
     context.textAlign = "center";
-    for (const [value, text] of marks(this.x, x0, x1, (at.right - MARGIN.left) / 70)) {
-      line(at.across(value), MARGIN.top, at.across(value), at.bottom);
+    for (const [value, text] of marks(this.x, x0, x1, (at.right - MARGIN_PX.left) / 70)) {
+      line(at.across(value), MARGIN_PX.top, at.across(value), at.bottom);
       context.fillText(text, at.across(value), at.bottom + 18);
     }
     context.textAlign = "right";
-    for (const [value, text] of marks(this.y, y0, y1, (at.bottom - MARGIN.top) / 60)) {
-      line(MARGIN.left, at.up(value), at.right, at.up(value));
-      context.fillText(text, MARGIN.left - 8, at.up(value) + 4, MARGIN.left - 22);
+    for (const [value, text] of marks(this.y, y0, y1, (at.bottom - MARGIN_PX.top) / 60)) {
+      line(MARGIN_PX.left, at.up(value), at.right, at.up(value));
+      context.fillText(text, MARGIN_PX.left - 8, at.up(value) + 4, MARGIN_PX.left - 22);
     }
     context.fillStyle = css("--text");
     context.textAlign = "center";
-    context.fillText(describeBetter(this.x, "→", "←"), (MARGIN.left + at.right) / 2, at.bottom + 38, at.right - MARGIN.left);
+    context.fillText(describeBetter(this.x, "→", "←"), (MARGIN_PX.left + at.right) / 2, at.bottom + 38, at.right - MARGIN_PX.left);
     context.save();
-    context.translate(14, (MARGIN.top + at.bottom) / 2);
+    context.translate(14, (MARGIN_PX.top + at.bottom) / 2);
     context.rotate(-Math.PI / 2);
-    context.fillText(describeBetter(this.y, "→", "←"), 0, 0, at.bottom - MARGIN.top);
+    context.fillText(describeBetter(this.y, "→", "←"), 0, 0, at.bottom - MARGIN_PX.top);
     context.restore();
   }
 
-  /** The rings about what is pointed at, and what was taken. */
-  private over(): void {
+  /** Draw rings around the highlighted and the chosen design. */
+  private drawOverlay(): void {
     const context = this.layers.clear(1);
     for (const [row, colour, size] of [[this.chosen, css("--good"), 11], [this.marked, css("--text"), 8]] as const) {
       if (row < 0) continue;
@@ -263,7 +263,7 @@ export class Scatter {
   }
 }
 
-/** An axis' title, with the way to what is better. */
+/** Axis title with an arrow in the direction of better values. */
 function describeBetter(column: Column, right: string, left: string): string {
   const title = titleOf(column);
   return column.sense > 0 ? `${title} ${right} better` : column.sense < 0 ? `better ${left} ${title}` : title;

@@ -1,4 +1,4 @@
-// What the keys do, and what the device is.
+// Dialogs: keys and mouse, and data of the device.
 
 import type { DeviceScene } from "../scene/device_scene";
 import type { Scene, Session } from "../session";
@@ -17,8 +17,8 @@ type Keys = readonly (readonly [string, string])[];
 
 const STOP: Keys = [["Space, Esc", "STOP: coils off at once, from anywhere in the page"]];
 
-/** `keys`: what they do to the device's mover; `first`: those that come before. */
-export function fill(session: Session, scene: DeviceScene, keys: Keys, first = STOP): void {
+/** Fill both dialogs. `keys`: keys that move the mover; `first`: entries before them. */
+export function fillDialogs(session: Session, scene: DeviceScene, keys: Keys, first = STOP): void {
   const all = [
     ...first,
     ...keys,
@@ -47,24 +47,24 @@ export function fill(session: Session, scene: DeviceScene, keys: Keys, first = S
 
   open("ask", "help", "details");
   open("device", "details", "help");
-  // Esc stops, and closes: a dialog that is not modal does not close by itself.
+  // Esc stops and also closes the dialog: browsers close only modal dialogs themselves.
   const close = (event: KeyboardEvent): void => {
     if (event.key === "Escape") for (const id of ["help", "details"]) at<HTMLDialogElement>(id).close();
   };
   addEventListener("keydown", close, { capture: true });
 }
 
-/** An open dialog stays below the reason why the coils are off, which comes by itself. */
-export function uncover(): void {
+/** Keep an open dialog below the alert, which may appear at any time. */
+export function placeDialogBelowAlert(): void {
   const dialog = document.querySelector<HTMLElement>("dialog[open]");
   if (!dialog) return;
-  const reason = at("alert");
+  const alert = at("alert");
   const page = document.querySelector(".page")!.getBoundingClientRect();
-  const edge = reason.hidden ? 0 : Math.max(0, reason.getBoundingClientRect().bottom - page.top + 8);
+  const edge = alert.hidden ? 0 : Math.max(0, alert.getBoundingClientRect().bottom - page.top + 8);
   dialog.style.setProperty("--alert", `${Math.min(edge, page.height - 120).toFixed(0)}px`);
 }
 
-/** How large the coils of the picture are, by the device file, and what it does not state. */
+/** Sizes of the coils in the device file, and notes on the sizes that it omits. */
 function sizes({ parts = [], notes = [] }: Scene): [string, string][] {
   const millimetres = (length: number): string => `${+(1000 * length).toFixed(2)}`;
   const coils = new Map<string, string[]>();
@@ -79,7 +79,7 @@ function sizes({ parts = [], notes = [] }: Scene): [string, string][] {
   return [...rows, ...notes.map((note): [string, string] => ["drawing", note])];
 }
 
-/** Not modal: STOP must work beside it. One at a time. */
+/** Open `dialog` with `button`, and close the other; not modal, because STOP must work beside it. */
 function open(button: string, dialog: string, other: string): void {
   at(button).addEventListener("click", () => {
     at<HTMLDialogElement>(other).close();

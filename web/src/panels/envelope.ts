@@ -1,21 +1,21 @@
-// A curve with more samples than pixels: the least and the greatest of every pixel, in the order in which they came.
-// Drawn, that is the picture of every sample; drawing it costs a fraction.
+// Min-max decimation of a curve with more samples than pixels: minimum and maximum per pixel, in order of time.
+// It looks like a plot of all samples at a fraction of the cost.
 
 export class Envelope {
-  /** times [s] of the points; two per pixel, or the samples themselves where there are few */
+  /** times of the points [s]: two per pixel, or all samples if there are few */
   times: Float64Array = new Float64Array();
   private readonly edges: number[] = [];
-  private thick = false;
+  private decimated = false;
 
-  /** Prepare for the samples at `times`, first of them at index 0, on `pixels` from `from` to `to` [s]. */
+  /** Assign the samples at `times` to `pixels` pixels from `from` to `to` [s]. */
   layOut(times: Float64Array, from: number, to: number, pixels: number): void {
-    this.thick = times.length > 4 * pixels;
+    this.decimated = times.length > 4 * pixels;
     this.edges.length = 0;
-    if (!this.thick) {
+    if (!this.decimated) {
       this.times = times;
       return;
     }
-    // Pixels at whole multiples of their width: a sample stays with its neighbours while the window moves on.
+    // Bins at integer multiples of the pixel width, so that the curve does not flicker while the window moves.
     const width = (to - from) / pixels;
     let last = NaN;
     for (let i = 0; i < times.length; i++) {
@@ -33,10 +33,10 @@ export class Envelope {
     }
   }
 
-  /** The points' values for a curve whose sample `i` is `value(i)`. */
+  /** Values of the points for a curve whose sample `i` is `value(i)`. */
   of(value: (i: number) => number): Float64Array {
     const points = new Float64Array(this.times.length);
-    if (!this.thick) {
+    if (!this.decimated) {
       for (let i = 0; i < points.length; i++) points[i] = value(i);
       return points;
     }

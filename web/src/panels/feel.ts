@@ -1,4 +1,4 @@
-// A feel session: which design is felt, A and B, the next one, the rating, and whose it is. The server keeps the state.
+// Panel of a feel session: choose designs, compare A and B, rate. The server keeps the state.
 
 import type { FeelState } from "../session";
 import { at, make, write, writeRemarks } from "./dom";
@@ -29,7 +29,7 @@ export class FeelPanel {
       const picker = at<HTMLSelectElement>(`feel-pick-${slot}`);
       picker.addEventListener("change", () => {
         this.act({ act: "pair", slot, number: Number(picker.value) });
-        picker.blur(); // the keys rate again
+        picker.blur(); // so that number keys rate again
       });
     }
     const gain = at<HTMLInputElement>("feel-gain");
@@ -41,7 +41,7 @@ export class FeelPanel {
     at<HTMLFormElement>("feel-who").addEventListener("submit", (event) => {
       event.preventDefault();
       this.act({ act: "person", person: at<HTMLInputElement>("feel-person").value });
-      (document.activeElement as HTMLElement | null)?.blur(); // the keys rate again
+      (document.activeElement as HTMLElement | null)?.blur(); // so that number keys rate again
     });
     addEventListener("keydown", (event) => this.key(event));
     this.show(first);

@@ -1,21 +1,21 @@
-// The line on top: how it is, in words; how the loop keeps its time; and the way off.
+// Header: status, loop timing, connected programs, and re-engaging.
 
 import type { Session } from "../session";
 import type { Status } from "../status";
 import { at, make, formatNumber, write } from "./dom";
 
-const SURE = 6000; // ms in which the second step must follow the first
+const CONFIRM_TIMEOUT_MS = 6000; // between "Re-engage…" and "Coils on now"
 
 export interface Health {
   rate_hz: number | null;
   success: number | null;
   lateness_p99_us: number | null;
-  pose_age_ms: number | null; // 99 % of the believed poses are younger
-  recording_trouble: string; // all three are empty while all is well
+  pose_age_ms: number | null; // 99th percentile of the age of valid poses
+  recording_trouble: string; // empty: none, as the next two
   warning: string;
-  world_trouble: string; // a part of `warning`
-  missing_pose: string; // which pose is waited for; empty while poses are valid
-  connections: Connection[]; // what each server says of the programs that are connected to it
+  world_trouble: string; // contained in `warning`
+  missing_pose: string; // text about the missing pose; empty while poses are valid
+  connections: Connection[]; // of each server, with the programs connected to it
 }
 
 export interface Connection {
@@ -23,7 +23,7 @@ export interface Connection {
   address: string;
   count: number;
   clients: { name: string; session: number; rate_hz: number; holds: boolean }[];
-  /** the last ones that commanded, in order; end_s null: now */
+  /** programs that commanded last, in order of time; end_s null: still commanding */
   programs?: { name: string; start_s: number; end_s: number | null; end: string }[];
 }
 
@@ -62,18 +62,18 @@ export class Header {
     }
     const parts = [`loop ${formatNumber(100 * health.success, 2)} % on time`];
     at("loop").title = `${formatNumber(health.rate_hz, 0)} Hz; 99 % of the ticks began at most ${formatNumber(health.lateness_p99_us, 0)} µs late`;
-    // A hand that nobody tracks has no age.
+    // Without a tracker there is no pose age.
     if (health.pose_age_ms) parts.push(`pose ${formatNumber(health.pose_age_ms, 0)} ms`);
     if (health.recording_trouble) parts.push("not recording");
-    write(at("loop"), parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ")); // a unit stays with its number
+    write(at("loop"), parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ")); // no line break between number and unit
   }
 
-  /** Who is connected, and how often each asks. */
+  /** Show connected programs and their rates. */
   showConnections(connections: Connection[]): void {
     const box = at("connected");
     box.hidden = connections.length === 0;
     if (box.hidden) return;
-    // The rate first: a long name is cut off on a narrow screen.
+    // The rate comes first, because a long name is truncated on a narrow screen.
     const one = (client: Connection["clients"][number]): string => `${formatNumber(client.rate_hz, 0)} Hz ${client.name}`;
     const servers = connections.map((server) => {
       const [first] = [...server.clients].sort((a, b) => Number(b.holds) - Number(a.holds) || b.rate_hz - a.rate_hz);
@@ -92,9 +92,9 @@ export class Header {
     box.title = `${lines.join("\n")}\nKeys 1, 2, 3 are the buttons a, b, c.`;
   }
 
-  /** Two deliberate steps; the second one must follow soon. */
+  /** Offer re-engaging in two deliberate steps; the first expires after CONFIRM_TIMEOUT_MS. */
   private offer(possible: boolean): void {
-    if (performance.now() > this.armed + SURE) this.armed = 0;
+    if (performance.now() > this.armed + CONFIRM_TIMEOUT_MS) this.armed = 0;
     const now = !possible ? "" : this.armed ? "sure" : "first";
     if (now === this.offered) return;
     this.offered = now;

@@ -1,20 +1,20 @@
-// The colour bar with its newtons, the scale bar, and a mark at what is felt now.
+// Legend: colour bar of force or current, marker of the present force, and scale bar.
 
 import { dot, norm, type Sample } from "../sample";
-import type { Gives, Scene } from "../session";
+import type { RenderedQuantity, Scene } from "../session";
 import { mapPixels, onThemeChange } from "../theme";
 import { at, make, formatNumber, write } from "./dom";
 
-/** where the colour bar lies above the picture instead of standing in it; the same width as in style.css */
+/** narrow screens have a horizontal colour bar; same width as in style.css */
 const NARROW = matchMedia("(max-width: 700px)");
-/** size of the bar's picture, which is stretched [pixels] */
-const [LENGTH, THICKNESS] = [256, 18];
+const BAR_LENGTH_PX = 256; // of the canvas, which is scaled
+const BAR_THICKNESS_PX = 18;
 
 export class Legend {
   private range = 0;
   private painted = true;
-  /** what is not drawn to scale */
-  private loose = "";
+  /** note on parts that are not drawn to scale */
+  private scaleNote = "";
 
   constructor(private readonly words: readonly [string, string] = [" pushes", " pulls"]) {
     onThemeChange(() => this.paint());
@@ -22,7 +22,7 @@ export class Legend {
     this.paint();
   }
 
-  /** Full colour is at ±`range` newtons; 0: nothing is painted, so there is no scale. */
+  /** Set the colour scale to ±`range`; 0 hides it. */
   scale(range: number): void {
     at("arrows").hidden = false;
     at("legend").hidden = range === 0;
@@ -39,21 +39,21 @@ export class Legend {
     }
   }
 
-  /** Without colours: the arrows alone. */
+  /** Show the legend of the arrows only. */
   arrows(): void {
     at("arrows").hidden = false;
   }
 
-  /** What the picture shows of the device file. */
+  /** Add entries for field sensors, and note coils that are not to scale. */
   device({ parts = [], sensors = [] }: Scene): void {
     if (sensors.length) {
       at("arrows").append(make("li", {}, make("span", { className: "chip", ariaHidden: "true" }), "field sensor"));
     }
-    if (parts.some(({ stated }) => !stated)) this.loose = ", coils not to scale";
+    if (parts.some(({ stated }) => !stated)) this.scaleNote = ", coils not to scale";
   }
 
-  /** The colours are the coils' currents, full at ±`range` amperes; the arrows are what the device `gives`. */
-  coils(range: number, gives: Gives): void {
+  /** Use the colour scale for coil currents up to ±`range` [A], and label the arrows with the rendered quantity. */
+  coils(range: number, gives: RenderedQuantity): void {
     const legend = at("legend");
     write(legend.querySelector("figcaption")!, "coil current, A");
     legend.querySelector<HTMLElement>(".key")!.hidden = true;
@@ -77,25 +77,25 @@ export class Legend {
     if (!marker.hidden) marker.style.setProperty("--share", `${Math.min(1, Math.max(-1, radial / this.range))}`);
   }
 
-  /** The scale bar, at `pixels` per millimetre. */
+  /** Set the scale bar; `pixels`: pixels per millimetre. */
   length(pixels: number): void {
     const millimetres = [5, 10, 20, 50].find((mm) => mm * pixels > 45) ?? 100;
     const box = at("scale");
     box.querySelector<HTMLElement>("span")!.style.width = `${millimetres * pixels}px`;
-    write(box.querySelector("b")!, `${millimetres} mm${this.loose}`);
+    write(box.querySelector("b")!, `${millimetres} mm${this.scaleNote}`);
   }
 
   private paint(): void {
     const canvas = at<HTMLCanvasElement>("bar");
     const context = canvas.getContext("2d")!;
     const pixels = mapPixels();
-    canvas.width = NARROW.matches ? LENGTH : THICKNESS;
-    canvas.height = NARROW.matches ? THICKNESS : LENGTH;
-    for (let n = 0; n < LENGTH; n++) {
-      const k = 4 * Math.round((255 * n) / (LENGTH - 1));
+    canvas.width = NARROW.matches ? BAR_LENGTH_PX : BAR_THICKNESS_PX;
+    canvas.height = NARROW.matches ? BAR_THICKNESS_PX : BAR_LENGTH_PX;
+    for (let n = 0; n < BAR_LENGTH_PX; n++) {
+      const k = 4 * Math.round((255 * n) / (BAR_LENGTH_PX - 1));
       context.fillStyle = `rgb(${pixels[k]} ${pixels[k + 1]} ${pixels[k + 2]})`;
-      if (NARROW.matches) context.fillRect(n, 0, 1, THICKNESS);
-      else context.fillRect(0, LENGTH - 1 - n, THICKNESS, 1);
+      if (NARROW.matches) context.fillRect(n, 0, 1, BAR_THICKNESS_PX);
+      else context.fillRect(0, BAR_LENGTH_PX - 1 - n, BAR_THICKNESS_PX, 1);
     }
   }
 }

@@ -1,37 +1,37 @@
-// Instead of everything else: why this page shows nothing, and what to do. Nothing dead is left that looks alive.
+// Full-page notice that replaces the page while it cannot be used: the reason, and what to do.
 
 import { at, write } from "./dom";
 
-export interface Lock {
+export interface PageNotice {
   title: string;
   text: string;
 }
 
-export const UNKNOWN: Lock = {
+export const MISSING_TOKEN: PageNotice = {
   title: "Open the address that the terminal printed",
   text:
     "Open the full address, with the part after the #. It changes with every start; only a page that has it can move the " +
     "device.",
 };
 
-export const UNREACHED: Lock = {
+export const NO_RESPONSE: PageNotice = {
   title: "The program does not respond",
   text: "Start `haptorb run`, and open the address that it prints.",
 };
 
-/** So many pages that this one must wait; `reason` is the server's. */
-export const full = (reason: string): Lock => ({
+/** Notice for a page that the server rejected because too many are open; `reason` is the server's. */
+export const tooManyPages = (reason: string): PageNotice => ({
   title: "This page has to wait",
   text: `${sentence(reason || "Too many pages are open already")} Then it continues by itself. Use another page to stop.`,
 });
 
-/** Cover the page with `lock`, or show it again. */
-export function cover(lock: Lock | null): void {
-  document.body.classList.toggle("locked", lock !== null);
-  at("lock").hidden = lock === null;
-  if (!lock) return;
-  write(at("lock-title"), lock.title);
-  write(at("lock-text"), lock.text);
+/** Show `notice` instead of the page; null: show the page. */
+export function coverPage(notice: PageNotice | null): void {
+  document.body.classList.toggle("locked", notice !== null);
+  at("lock").hidden = notice === null;
+  if (!notice) return;
+  write(at("lock-title"), notice.title);
+  write(at("lock-text"), notice.text);
 }
 
 const sentence = (words: string): string => `${words[0]!.toUpperCase()}${words.slice(1)}.`;

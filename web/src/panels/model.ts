@@ -1,4 +1,4 @@
-// Which model of coils and magnets the controller inverts, and a switch to another one.
+// Selection of the controller model.
 
 import { at, make, write } from "./dom";
 

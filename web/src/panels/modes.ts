@@ -1,11 +1,11 @@
-// How the handle moves the plug: two modes, the clutch between them, and where the plug is.
+// Linkage panel of a motor: mode, clutch, and pose and wrench of the object.
 
 import { norm, type Sample } from "../sample";
-import { angles } from "../scene/turn";
+import { angles } from "../scene/rotor_angles";
 import { at, formatNumber, write } from "./dom";
 
 const WORDS = ["", "translate", "rotate"] as const;
-const DEGREE = 180 / Math.PI;
+const DEG_PER_RAD = 180 / Math.PI;
 
 export class ModePanel {
   private mode = 0;
@@ -22,7 +22,7 @@ export class ModePanel {
     at("mode-clutch").addEventListener("click", () => this.clutch(!this.engaged));
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("keyup", (event) => this.up(event));
-    // A key that nobody sees come up again must not keep the plug let go.
+    // When the page loses the focus, no keyup event comes: clutch in, as if the key were released.
     addEventListener("blur", () => this.release());
   }
 
@@ -50,7 +50,7 @@ export class ModePanel {
     for (const i of [0, 1, 2] as const) write(at(`object-${i}`), formatNumber(p[i] * 1000, 2));
     const q = sample.quaternion("object_q");
     const turns = Number.isFinite(q[0]) ? angles(q) : [NaN, NaN, NaN];
-    for (const i of [0, 1, 2] as const) write(at(`object-turn-${i}`), formatNumber(turns[i]! * DEGREE, 2));
+    for (const i of [0, 1, 2] as const) write(at(`object-turn-${i}`), formatNumber(turns[i]! * DEG_PER_RAD, 2));
     write(at("object-force"), formatNumber(norm(sample.vector("object_wrench")), 1));
     write(at("object-torque"), formatNumber(norm(sample.vector("object_wrench", 3)), 2));
     const contacts = sample.list("contacts");
@@ -58,7 +58,7 @@ export class ModePanel {
     write(at("contact-forces"), pushes.map((force) => formatNumber(force, 1)).join(" · "));
   }
 
-  /** For those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string {
     const mode = WORDS[sample.number("mode")] ?? "";
     if (!mode) return "";

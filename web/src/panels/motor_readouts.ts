@@ -1,14 +1,14 @@
-// The numbers of this moment for a motor: torque, the handle's angles, and twelve channels in two columns.
+// Readouts of a motor: torque, angles of the handle, and current and temperature of each channel.
 
 import { norm, type Sample } from "../sample";
-import { angles, axis } from "../scene/turn";
+import { angles, axis } from "../scene/rotor_angles";
 import type { Session } from "../session";
 import { duration } from "../status";
 import { channelColour, onThemeChange } from "../theme";
 import { at, make, formatNumber, write } from "./dom";
 
-const KELVIN = 273.15;
-const DEGREE = 180 / Math.PI;
+const ZERO_CELSIUS_K = 273.15;
+const DEG_PER_RAD = 180 / Math.PI;
 
 export class MotorReadouts {
   private readonly cells: { current: HTMLElement; temperature: HTMLElement; swatch: HTMLElement }[] = [];
@@ -45,13 +45,13 @@ export class MotorReadouts {
     const q = sample.quaternion("q");
     const known = Number.isFinite(q[0]);
     const [x, y, z] = axis(q);
-    write(at("tilt"), formatNumber(known ? Math.atan2(Math.hypot(x, y), z) * DEGREE : NaN, 1));
-    write(at("azimuth"), formatNumber(known ? Math.atan2(y, x) * DEGREE : NaN, 0));
-    write(at("distance"), formatNumber(known ? angles(q)[2] * DEGREE : NaN, 1));
+    write(at("tilt"), formatNumber(known ? Math.atan2(Math.hypot(x, y), z) * DEG_PER_RAD : NaN, 1));
+    write(at("azimuth"), formatNumber(known ? Math.atan2(y, x) * DEG_PER_RAD : NaN, 0));
+    write(at("distance"), formatNumber(known ? angles(q)[2] * DEG_PER_RAD : NaN, 1));
     const currents = sample.list("current_measured");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
-      const celsius = windings[i]! - KELVIN;
+      const celsius = windings[i]! - ZERO_CELSIUS_K;
       write(current, formatNumber(currents[i]!, 2));
       write(temperature, formatNumber(celsius, 1));
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
@@ -60,14 +60,14 @@ export class MotorReadouts {
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "no limit");
   }
 
-  /** The same, as a sentence for those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string {
-    const given = norm(sample.vector("wrench_actual", 3));
-    if (!Number.isFinite(given)) return "";
+    const delivered = norm(sample.vector("wrench_actual", 3));
+    if (!Number.isFinite(delivered)) return "";
     const q = sample.quaternion("q");
     const [x, y, z] = axis(q);
-    const tilt = Math.atan2(Math.hypot(x, y), z) * DEGREE;
-    return `${given.toFixed(2)} newton metres delivered, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEGREE, 0)}`;
+    const tilt = Math.atan2(Math.hypot(x, y), z) * DEG_PER_RAD;
+    return `${delivered.toFixed(2)} newton metres delivered, handle tilted ${tilt.toFixed(0)} degrees, spun ${formatNumber(angles(q)[2] * DEG_PER_RAD, 0)}`;
   }
 
   private dress(): void {

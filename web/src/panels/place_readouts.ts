@@ -1,16 +1,16 @@
-// The numbers of this moment for a device of which only the mover's place is known.
+// Readouts with the mover's position in Cartesian coordinates.
 
 import { norm, type Sample } from "../sample";
 import type { Session } from "../session";
 import { at, formatNumber, write } from "./dom";
 import { Readouts } from "./readouts";
 
-const PLACES = ["tilt", "azimuth", "distance"]; // the page's three numbers: here x, y, z
+const IDS = ["tilt", "azimuth", "distance"]; // elements reused for x, y and z
 
 export class PlaceReadouts extends Readouts {
   constructor(session: Session) {
     super(session);
-    PLACES.forEach((id, i) => {
+    IDS.forEach((id, i) => {
       const box = at(id).closest("div")!;
       write(box.querySelector("dt")!, "xyz"[i]!);
       box.querySelector("dd")!.lastChild!.textContent = " mm";
@@ -18,13 +18,13 @@ export class PlaceReadouts extends Readouts {
   }
 
   protected override place(sample: Sample): void {
-    sample.vector("p").forEach((metres, i) => write(at(PLACES[i]!), formatNumber(metres * 1000, 1)));
+    sample.vector("p").forEach((metres, i) => write(at(IDS[i]!), formatNumber(metres * 1000, 1)));
   }
 
   override sentence(sample: Sample): string {
-    const given = norm(sample.vector("wrench_actual"));
-    if (!Number.isFinite(given)) return "";
+    const delivered = norm(sample.vector("wrench_actual"));
+    if (!Number.isFinite(delivered)) return "";
     const place = sample.vector("p").map((metres) => formatNumber(metres * 1000, 0));
-    return `${given.toFixed(1)} newton given at ${place.join(", ")} millimetres`;
+    return `${delivered.toFixed(1)} newton delivered at ${place.join(", ")} millimetres`;
   }
 }

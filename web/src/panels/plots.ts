@@ -1,4 +1,4 @@
-// Every sample of the last seconds, in three plots with one time axis: asked dashed, given solid.
+// Three plots of the last seconds with a common time axis; commanded values are dashed, delivered ones solid.
 
 import uPlot from "uplot";
 import { csv, download } from "../csv";
@@ -9,13 +9,13 @@ import { channelColour, css, onThemeChange } from "../theme";
 import { at, make, formatNumber, write } from "./dom";
 import { Envelope } from "./envelope";
 
-const KELVIN = 273.15;
+const ZERO_CELSIUS_K = 273.15;
 
 interface Curve {
   label: string;
   colour: string;
   dashed?: boolean;
-  /** index of the history's series, and how its numbers are made of it */
+  /** indices of the history's series, and the value computed from them */
   from: number[];
   make: (columns: Float32Array[], i: number) => number;
 }
@@ -27,7 +27,7 @@ interface Plot {
   digits: number;
 }
 
-const same: Curve["make"] = ([x], i) => x![i]!;
+const identity: Curve["make"] = ([x], i) => x![i]!;
 const magnitude: Curve["make"] = ([x, y, z], i) => Math.sqrt(x![i]! ** 2 + y![i]! ** 2 + z![i]! ** 2);
 const radial: Curve["make"] = (of, i) => {
   const [x, y, z] = [of[3]![i]!, of[4]![i]!, of[5]![i]!];
@@ -40,11 +40,11 @@ export class Plots {
   private held: { from: number; to: number } | null = null;
   private zoomed: { from: number; to: number } | null = null;
   private span = 10;
-  /** whether something is to be shown that is not, and when they were drawn last [ms] */
+  /** whether a redraw is due, and time of the last one [ms] */
   private stale = true;
   private drawn = -Infinity;
-  /** ms between two drawings of the plots */
-  every = 66;
+  /** minimum interval between redraws [ms] */
+  interval = 66;
   private readonly envelope = new Envelope();
   private live = true;
   private shown: [number, number] = [0, 0];
@@ -73,7 +73,7 @@ export class Plots {
     this.build();
   }
 
-  /** Whether torque is drawn rather than force. */
+  /** Whether torque is plotted instead of force. */
   private get turning(): boolean {
     return this.session.scene.gives === "torque" || this.select.value === "torque";
   }
@@ -91,27 +91,26 @@ export class Plots {
     this.invalidate();
   }
 
-  /** Nothing new will come: keep the last picture, grey. */
+  /** Show the last plots in grey while the page is not live. */
   freeze(dead: boolean): void {
     this.live = !dead;
     document.querySelector(".plots")!.classList.toggle("dead", dead);
     if (dead) for (const { reading } of this.plots) write(reading, "not live");
   }
 
-  /** New samples, or nothing: draw the plots if it is time; true if it did.
+  /** Redraw the plots if a redraw is due; returns whether it did.
    *
-   * All in one frame: a browser that draws without a graphics processor draws whatever lies between two changed places
-   * again, and so pays for most of the page in every frame in which a plot changes. */
+   * All plots are redrawn in the same frame: without a GPU, browsers repaint the bounding box of all changed areas, which
+   * is most of the page as soon as one plot changes. */
   draw(now: number, fresh: boolean): boolean {
     if (fresh && !this.held) this.invalidate();
-    if (!this.stale || now - this.drawn < this.every) return false;
+    if (!this.stale || now - this.drawn < this.interval) return false;
     this.stale = false;
     this.drawn = now;
     this.plots.forEach((plot) => this.redraw(plot));
     return true;
   }
 
-  /** What is shown is not what there is. */
   private invalidate(): void {
     this.stale = true;
   }
@@ -139,7 +138,7 @@ export class Plots {
     this.read(plot);
   }
 
-  /** Ticks at round times before the newest sample. */
+  /** Axis ticks at round times before the newest sample. */
   private splits(from: number, to: number, most: number): number[] {
     const end = this.held?.to ?? this.window.to;
     const step = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((s) => (to - from) / s <= most) ?? 10;
@@ -148,7 +147,7 @@ export class Plots {
     return ticks;
   }
 
-  /** The sample under the cursor in words, or the newest one. */
+  /** Show the values at the cursor, or the newest ones. */
   private read({ chart, curves, reading, digits }: Plot): void {
     if (!this.live) return;
     const { idx, left } = chart.cursor;
@@ -157,7 +156,7 @@ export class Plots {
     if (end <= begin) return write(reading, "");
     const values = curves.map(({ from, make: compose }) => compose(from.map((index) => this.history.column(index, end - 1, end)), 0));
     const when = pointed ? `${formatNumber(this.history.times(end - 1, end)[0]! - this.history.newest, 3)} s  ` : "";
-    // Of many channels there is room for the greatest only; the table has them all.
+    // With many channels there is room only for the largest; the table shows all.
     const all = curves.map((_, c) => c);
     const size = (c: number): number => Math.abs(values[c]!) || 0;
     const few = curves.length <= 6 ? all : all.sort((a, b) => size(b) - size(a)).slice(0, 3);
@@ -195,10 +194,10 @@ export class Plots {
         ? { label, colour, dashed, from: [...of(name), ...position], make: radial }
         : { label, colour, dashed, from: of(name), make: magnitude };
     // read as: delivered 0.30 of 0.31
-    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--given", false), pair("wrench_commanded", "of", "--asked", true)];
+    if (this.select.value !== "xyz") return [pair("wrench_actual", "delivered", "--delivered", false), pair("wrench_commanded", "of", "--commanded", true)];
     return axes.flatMap((i) => [
-      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`wrench_actual[${first + i}]`)], make: same },
-      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`wrench_commanded[${first + i}]`)], make: same },
+      { label: "xyz"[i]!, colour: `--s${"xyz"[i]!}`, from: [this.index(`wrench_actual[${first + i}]`)], make: identity },
+      { label: "", colour: `--s${"xyz"[i]!}`, dashed: true, from: [this.index(`wrench_commanded[${first + i}]`)], make: identity },
     ]);
   }
 
@@ -216,10 +215,10 @@ export class Plots {
     at("plots").replaceChildren();
     const { warn, derate } = this.session.limits;
     const strong = this.session.scene.gives === "torque";
-    const small = this.turning && !strong; // a tool's torque: thousandths of a newton metre
+    const small = this.turning && !strong; // torque on a tool: some mN·m
     this.add(this.turning ? "torque N·m" : "force N", this.force(), small ? 4 : strong ? 3 : 2, small ? 0.002 : 0.2, this.select);
-    this.add("currents A", this.perCoil("current_measured", same), 2, strong ? 0.2 : 1);
-    this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - KELVIN), 1, 5, undefined, { warn, derate });
+    this.add("currents A", this.perCoil("current_measured", identity), 2, strong ? 0.2 : 1);
+    this.add("temperature °C", this.perCoil("winding", ([x], i) => x![i]! - ZERO_CELSIUS_K), 1, 5, undefined, { warn, derate });
     this.invalidate();
   }
 
@@ -250,7 +249,7 @@ export class Plots {
           y: { range: (_, low, high) => padRange(low, high, least, limit?.derate) },
         },
         axes: [
-          { ...axis, size: 24, splits: (self, _, from, to) => this.splits(from, to, self.width / 70), values: (_, ticks) => ticks.map((t) => clock(t - (this.held?.to ?? this.window.to))) , space: 60 },
+          { ...axis, size: 24, splits: (self, _, from, to) => this.splits(from, to, self.width / 70), values: (_, ticks) => ticks.map((t) => formatTick(t - (this.held?.to ?? this.window.to))) , space: 60 },
           { ...axis, size: 52, values: (_, ticks) => ticks.map((y) => String(Number(y.toFixed(4))).replace("-", "−")), space: 30 },
         ],
         series: [
@@ -266,7 +265,7 @@ export class Plots {
         hooks: {
           setCursor: [(self: uPlot) => this.plots.filter(({ chart: c }) => c === self).forEach((plot) => this.read(plot))],
           setSelect: [(self: uPlot) => this.zoom(self)],
-          draw: limit ? [(self: uPlot) => line(self, limit)] : [],
+          draw: limit ? [(self: uPlot) => drawLimits(self, limit)] : [],
         },
       },
       [[], ...curves.map(() => [])],
@@ -278,7 +277,7 @@ export class Plots {
     this.plots.push({ chart, curves, reading, digits });
   }
 
-  /** A stretch was marked: hold still and show it. */
+  /** Pause, and zoom to the selected range. */
   private zoom(chart: uPlot): void {
     const { left, width } = chart.select;
     if (width < 4) return;
@@ -313,19 +312,19 @@ export class Plots {
     this.invalidate();
   }
 
-  /** Samples on show, for tests. */
+  /** Number of samples shown, for tests. */
   get samples(): number {
     return this.shown[1] - this.shown[0];
   }
 }
 
-/** Seconds before the newest sample. */
-function clock(seconds: number): string {
+/** Label of a time relative to the newest sample [s]. */
+function formatTick(seconds: number): string {
   const rounded = Number(seconds.toFixed(3));
   return rounded === 0 ? "now" : `${rounded} s`.replace("-", "−");
 }
 
-/** A range that neither jumps with noise nor hides a limit that is near. */
+/** Axis range of at least `least`, so that noise does not rescale it, and including `limit`. */
 function padRange(low: number, high: number, least: number, limit?: number): [number, number] {
   if (!Number.isFinite(low + high)) return [0, least];
   let a = Math.min(low, high);
@@ -338,8 +337,8 @@ function padRange(low: number, high: number, least: number, limit?: number): [nu
   return [a === 0 ? 0 : a - margin, b + margin];
 }
 
-/** The temperatures at which the guard warns and derates. */
-function line(chart: uPlot, { warn, derate }: { warn: number; derate: number }): void {
+/** Draw the warning and derating temperatures. */
+function drawLimits(chart: uPlot, { warn, derate }: { warn: number; derate: number }): void {
   const { ctx, bbox } = chart;
   ctx.save();
   ctx.lineWidth = devicePixelRatio;

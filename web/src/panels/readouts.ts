@@ -1,16 +1,16 @@
-// The numbers of this moment, ten times a second: faster than that nobody reads.
+// Readouts of force, torque, position, currents and temperatures.
 
 import { norm, spherical, type Sample } from "../sample";
 import type { Session } from "../session";
 import { duration } from "../status";
 import { at, make, formatNumber, write } from "./dom";
 
-const KELVIN = 273.15;
+const ZERO_CELSIUS_K = 273.15;
 
 export class Readouts {
   private readonly cells: { current: HTMLElement; temperature: HTMLElement }[] = [];
   /** whether torque is shown */
-  private turned = false;
+  private showsTorque = false;
 
   constructor(private readonly session: Session) {
     const body = at("coils").querySelector("tbody")!;
@@ -28,12 +28,12 @@ export class Readouts {
   show(sample: Sample): void {
     write(at("asked"), formatNumber(norm(sample.vector("wrench_commanded")), 2));
     write(at("given"), formatNumber(norm(sample.vector("wrench_actual")), 2));
-    this.turn(sample);
+    this.showTorque(sample);
     this.place(sample);
     const currents = sample.list("current_measured");
     const windings = sample.list("winding");
     this.cells.forEach(({ current, temperature }, i) => {
-      const celsius = windings[i]! - KELVIN;
+      const celsius = windings[i]! - ZERO_CELSIUS_K;
       write(current, formatNumber(currents[i]!, 2));
       write(temperature, formatNumber(celsius, 1));
       temperature.classList.toggle("hot", celsius >= this.session.limits.warn);
@@ -42,20 +42,20 @@ export class Readouts {
     write(at("remaining"), Number.isNaN(left) ? "–" : duration(left) || "no limit");
   }
 
-  /** Torque asked and given, and what limits it: shown once a world asks for torque, or a person chose it. */
-  private turn(sample: Sample): void {
+  /** Torque commanded and delivered, and its limit; shown if the world renders torque. */
+  private showTorque(sample: Sample): void {
     const part = sample.number("part");
-    const asked = norm(sample.vector("wrench_commanded", 3));
-    if (!Number.isNaN(part)) this.turned = part > 0 || asked > 0;
-    at("turning").hidden = at("part").hidden = !this.turned;
-    if (!this.turned) return;
-    write(at("torque-asked"), formatNumber(1000 * asked, 1));
+    const commanded = norm(sample.vector("wrench_commanded", 3));
+    if (!Number.isNaN(part)) this.showsTorque = part > 0 || commanded > 0;
+    at("turning").hidden = at("part").hidden = !this.showsTorque;
+    if (!this.showsTorque) return;
+    write(at("torque-asked"), formatNumber(1000 * commanded, 1));
     write(at("torque-given"), formatNumber(1000 * norm(sample.vector("wrench_actual", 3)), 1));
-    const held = this.session.saturations[sample.number("saturated")];
-    write(at("part"), `${this.session.parts[part] ?? ""}${held ? ` Limited by ${held}.` : ""}`.trim());
+    const limit = this.session.saturations[sample.number("saturated")];
+    write(at("part"), `${this.session.parts[part] ?? ""}${limit ? ` Limited by ${limit}.` : ""}`.trim());
   }
 
-  /** Where the mover is. */
+  /** Position of the mover. */
   protected place(sample: Sample): void {
     const { tilt, azimuth, length } = spherical(sample.vector("p"));
     write(at("tilt"), formatNumber(tilt, 1));
@@ -63,11 +63,11 @@ export class Readouts {
     write(at("distance"), formatNumber(length * 1000, 1));
   }
 
-  /** The same, as a sentence for those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string {
-    const given = norm(sample.vector("wrench_actual"));
-    if (!Number.isFinite(given)) return "";
+    const delivered = norm(sample.vector("wrench_actual"));
+    if (!Number.isFinite(delivered)) return "";
     const { tilt, length } = spherical(sample.vector("p"));
-    return `${given.toFixed(1)} newton delivered at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
+    return `${delivered.toFixed(1)} newton delivered at ${tilt.toFixed(0)} degrees, ${(length * 1000).toFixed(0)} millimetres`;
   }
 }

@@ -1,15 +1,14 @@
-// The world's parameters as sliders with typed entry; a change acts at once.
+// World panel: parameters as sliders with text entry; changes take effect immediately.
 
 import { readNumber } from "../entry";
 import { direction, spherical, type Vector } from "../sample";
 import type { Parameter, Session, Values, World } from "../session";
 import { at, make, write, writeRemarks } from "./dom";
 
-const EVERY = 33; // ms between two changes sent while a slider is dragged
+const SEND_INTERVAL_MS = 33; // while a slider is dragged
+const SETTLING_TIME_MS = 1000; // after a change here, in which the server may still report earlier values
 
-const SETTLED = 1000; // ms after the last change made here within which the server may still tell of the one before
-
-/** One number on the panel; a direction has two. */
+/** One number of the panel; a direction has two. */
 interface Entry {
   id: string;
   label: string;
@@ -30,8 +29,8 @@ export class WorldPanel {
   private timer = 0;
   private later = 0;
   private last = 0;
-  private awaited = 0;
-  private typing: HTMLInputElement | undefined; // the field with digits that are not in effect yet
+  private sent = 0;
+  private typing: HTMLInputElement | undefined; // field with an uncommitted entry
 
   constructor(
     private readonly session: Session,
@@ -44,26 +43,26 @@ export class WorldPanel {
     this.remark(session.world.remarks ?? []);
   }
 
-  /** What should be said of the world as it is set: strain and stress of its hooks. */
+  /** Show the remarks on the world with its present values. */
   remark(remarks: string[]): void {
     writeRemarks(at("remarks"), remarks);
   }
 
-  /** These worlds can be chosen; a user's own may have other parameters than before. */
+  /** Update the list of worlds; the parameters of a user's world may have changed. */
   offer(worlds: World[]): void {
     this.session.worlds = worlds;
     this.picker.replaceChildren(...worlds.map(({ name, about }) => make("option", { value: name, title: about }, name)));
-    this.name = ""; // whatever comes next is shown at once, with new sliders
+    this.name = ""; // so that the next `show` rebuilds the sliders at once
     this.last = 0;
   }
 
-  /** The world is this now, whoever changed it. */
+  /** Show the world and its values as the server reports them. */
   show(name: string, values: Values): void {
-    const another = name !== this.name;
-    // While somebody changes values, their own hand is ahead of what the server says: that is shown when the hand rests.
+    const isNew = name !== this.name;
+    // While the user changes values, the server's are out of date; show them once the user has stopped.
     clearTimeout(this.later);
-    const wait = this.last + SETTLED - performance.now();
-    if (!another && wait > 0) {
+    const wait = this.last + SETTLING_TIME_MS - performance.now();
+    if (!isNew && wait > 0) {
       this.later = window.setTimeout(() => this.show(name, values), wait);
       return;
     }
@@ -72,7 +71,7 @@ export class WorldPanel {
     if (!this.session.worlds.some((world) => world.name === name)) this.picker.append(make("option", { value: name }, name));
     this.picker.value = name;
     write(at("world-title"), `World: ${name}`);
-    if (another) this.build();
+    if (isNew) this.build();
     this.refresh();
   }
 
@@ -107,12 +106,12 @@ export class WorldPanel {
     const { id, label, unit, low, high, step, about } = entry;
     const limits = { min: String(low), max: String(high) };
     const range = make("input", { type: "range", ...limits, step: String(step) });
-    // Of type text: a field of type number drops letters while they are typed, so that 1a9 would become 19.
+    // Type text, because a field of type number drops letters while typing: 1a9 would become 19.
     const number = make("input", { type: "text", inputMode: "decimal", autocomplete: "off", className: "number", id });
     number.setAttribute("aria-describedby", `${id}-mistake`);
     const mistake = make("p", { className: "refused", id: `${id}-mistake`, hidden: true });
     mistake.setAttribute("role", "alert");
-    const complain = (text: string): void => {
+    const setMistake = (text: string): void => {
       write(mistake, text);
       mistake.hidden = text === "";
       number.setAttribute("aria-invalid", String(text !== ""));
@@ -120,7 +119,7 @@ export class WorldPanel {
     range.setAttribute("aria-label", label);
     range.setAttribute("aria-description", about);
     const changed = (value: number): void => {
-      complain("");
+      setMistake("");
       entry.put(this.values, value);
       this.refresh(number);
       this.push();
@@ -128,14 +127,14 @@ export class WorldPanel {
     range.addEventListener("input", () => changed(range.valueAsNumber));
     number.addEventListener("input", () => {
       this.typing = number;
-      complain("");
+      setMistake("");
     });
     number.addEventListener("change", () => {
       const typed = number.value;
       const value = readNumber(typed);
       this.typing = undefined;
       if (value !== null && value >= low && value <= high) changed(value);
-      else complain(`“${typed}” is not used: a number from ${short(low)} to ${short(high)}${unit && ` ${unit}`}. ${label} stays ${short(entry.read(this.values))}.`);
+      else setMistake(`“${typed}” is not used: a number from ${short(low)} to ${short(high)}${unit && ` ${unit}`}. ${label} stays ${short(entry.read(this.values))}.`);
       this.refresh();
     });
     number.addEventListener("blur", () => {
@@ -150,9 +149,9 @@ export class WorldPanel {
       range,
       mistake,
     );
-    const tell = (): void => write(at("about"), about);
-    row.addEventListener("pointerenter", tell);
-    row.addEventListener("focusin", tell);
+    const showAbout = (): void => write(at("about"), about);
+    row.addEventListener("pointerenter", showAbout);
+    row.addEventListener("focusin", showAbout);
     this.rows.set(entry, { range, number });
     return row;
   }
@@ -162,26 +161,26 @@ export class WorldPanel {
       const value = entry.read(this.values);
       range.value = String(value);
       range.setAttribute("aria-valuetext", `${number.value} ${entry.unit}`);
-      // What somebody is typing stays: the server's word of an earlier change may come in the middle of it.
+      // Do not overwrite an entry in progress with the server's report of an earlier change.
       if (number !== this.typing && (number !== except || document.activeElement !== number)) number.value = short(value);
     }
   }
 
-  /** At most every 33 ms, and always the last one. */
+  /** Send the values, at most every SEND_INTERVAL_MS; the last change is always sent. */
   private push(): void {
     this.last = performance.now();
-    const wait = this.awaited + EVERY - performance.now();
+    const wait = this.sent + SEND_INTERVAL_MS - performance.now();
     clearTimeout(this.timer);
     if (wait > 0) {
       this.timer = window.setTimeout(() => this.push(), wait);
       return;
     }
-    this.awaited = performance.now();
+    this.sent = performance.now();
     this.send(this.name, this.values);
   }
 }
 
-/** The entries of one parameter: a direction is set by two angles. */
+/** Entries of a parameter; a direction is entered as two angles. */
 function entries(parameter: Parameter): Entry[] {
   const { name, low, high, about } = parameter;
   if (typeof parameter.default === "number") {
@@ -202,7 +201,7 @@ function entries(parameter: Parameter): Entry[] {
     ];
   }
   const angles = (values: Values): { tilt: number; azimuth: number } => spherical(values[name] as Vector);
-  // The azimuth of a vertical direction is kept, so that tilting it goes the way it was set before.
+  // Keep the azimuth while the direction is vertical, so that tilting it again goes the same way.
   let azimuth: number | null = null;
   return [
     {
@@ -233,11 +232,11 @@ function entries(parameter: Parameter): Entry[] {
   ];
 }
 
-/** With as many digits as tell one setting from another. */
+/** Six significant digits distinguish all settings of a slider. */
 const short = (value: number): string => String(Number(value.toPrecision(6)));
-/** `half_width_deg` is a half width. */
+/** Label of a parameter: `half_width_deg` becomes "half width". */
 const title = (name: string): string => name.replace(/_deg$/, "").replaceAll("_", " ");
-/** The unit in which a parameter is read easily, and how many of them are one of its own. */
+/** Convenient display unit of a parameter, and the factor to it. */
 function displayUnit({ unit, high }: Parameter): [string, number] {
   if (unit === "m" && high <= 0.2) return ["mm", 1e3];
   if (unit === "Pa" && high >= 1e9) return ["GPa", 1e-9];

@@ -1,14 +1,14 @@
-// A force as a flat arrow that always faces the camera: filled for what is given, an outline for what is asked.
+// Flat arrow for a force or torque that always faces the camera: filled for delivered, outlined for commanded.
 
 import { BufferAttribute, BufferGeometry, Color, Mesh, MeshBasicMaterial, Vector3, type Camera } from "three";
 import { css, onThemeChange } from "../theme";
 
-const SHAFT = 1.5; // mm, half widths
-const HEAD = 4.2;
-const POINT = 8.5; // length of the head
-const SHORTEST = 0.35; // mm: below this there is nothing to point at
+const SHAFT_HALF_WIDTH_MM = 1.5;
+const HEAD_HALF_WIDTH_MM = 4.2;
+const HEAD_LENGTH_MM = 8.5;
+const MIN_LENGTH_MM = 0.35; // shorter arrows are hidden
 
-/** Half widths along the arrow, as [position from the end, half width]. */
+/** Half of the arrow's outline, as [position from the tail, half width]. */
 type Outline = [number, number][];
 
 export class Arrow {
@@ -27,8 +27,8 @@ export class Arrow {
   ) {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(this.positions, 3));
-    geometry.setIndex(filled ? FILL : RIM);
-    // Drawn over everything: a radial force lies inside the pen.
+    geometry.setIndex(filled ? FILL_TRIANGLES : RIM_TRIANGLES);
+    // Drawn over everything, because the arrow of a radial force lies inside the stylus.
     this.mesh = new Mesh(
       geometry,
       new MeshBasicMaterial({ depthTest: false, depthWrite: false, transparent: true, side: 2 }),
@@ -36,18 +36,18 @@ export class Arrow {
     this.mesh.renderOrder = order;
     this.mesh.frustumCulled = false;
     this.mesh.visible = false;
-    const dress = (): void => {
+    const applyTheme = (): void => {
       this.mesh.material.color = new Color(css(this.colour));
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
-  /** From `from`, along `vector`, both in millimetres. */
+  /** Draw the arrow from `from` along `vector`, both in millimetres. */
   point(from: Vector3, vector: Vector3, camera: Camera): void {
     const length = vector.length();
-    this.mesh.visible = length > SHORTEST;
+    this.mesh.visible = length > MIN_LENGTH_MM;
     if (!this.mesh.visible) return;
     this.along.copy(vector).divideScalar(length);
     this.side.subVectors(camera.position, from).cross(this.along);
@@ -67,7 +67,7 @@ export class Arrow {
     this.mesh.visible = false;
   }
 
-  /** Seven corners: up one side, over the point, down the other. */
+  /** Write seven vertices: one side, the tip, the other side. */
   private write(first: number, from: Vector3, [tail, neck, barb, tip]: Outline): void {
     const corners: Outline = [tail!, neck!, barb!, tip!, [barb![0], -barb![1]], [neck![0], -neck![1]], [tail![0], -tail![1]]];
     corners.forEach(([s, w], k) => {
@@ -78,9 +78,9 @@ export class Arrow {
 }
 
 function outline(length: number, grown: number): Outline {
-  const head = Math.min(POINT, 0.6 * length);
-  const wide = HEAD * (head / POINT);
-  const slim = SHAFT * Math.min(1, 0.4 + 0.6 * (head / POINT));
+  const head = Math.min(HEAD_LENGTH_MM, 0.6 * length);
+  const wide = HEAD_HALF_WIDTH_MM * (head / HEAD_LENGTH_MM);
+  const slim = SHAFT_HALF_WIDTH_MM * Math.min(1, 0.4 + 0.6 * (head / HEAD_LENGTH_MM));
   return [
     [-grown, slim + grown],
     [length - head - grown, slim + grown],
@@ -89,5 +89,5 @@ function outline(length: number, grown: number): Outline {
   ];
 }
 
-const FILL = [0, 1, 5, 0, 5, 6, 2, 3, 4];
-const RIM = Array.from({ length: 7 }, (_, k) => [k, (k + 1) % 7, 7 + k, 7 + k, (k + 1) % 7, 7 + ((k + 1) % 7)]).flat();
+const FILL_TRIANGLES = [0, 1, 5, 0, 5, 6, 2, 3, 4];
+const RIM_TRIANGLES = Array.from({ length: 7 }, (_, k) => [k, (k + 1) % 7, 7 + k, 7 + k, (k + 1) % 7, 7 + ((k + 1) % 7)]).flat();

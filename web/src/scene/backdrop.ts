@@ -1,12 +1,12 @@
-// A picture of what stands still, under the canvas on which the rest moves: drawn once, shown for as long as it holds.
+// Cached image of the static part of the scene, shown below the canvas with the moving part.
 
 export class Backdrop {
   private readonly picture = document.createElement("canvas");
-  // Shows a finished picture; a canvas to draw on would be copied by the browser at every frame.
+  // A bitmaprenderer context only shows an image; browsers copy a 2D canvas in every frame.
   private readonly context: ImageBitmapRenderingContext;
-  /** how often it was made, for tests */
-  made = 0;
-  holds = false;
+  /** number of captures, for tests */
+  captures = 0;
+  valid = false;
 
   constructor(canvas: HTMLCanvasElement) {
     this.picture.className = "backdrop";
@@ -16,19 +16,19 @@ export class Backdrop {
     canvas.before(this.picture);
   }
 
-  /** Keep what `canvas` shows now. */
-  take(canvas: HTMLCanvasElement): void {
+  /** Capture the present content of `canvas`. */
+  capture(canvas: HTMLCanvasElement): void {
     const copy = new OffscreenCanvas(canvas.width, canvas.height);
     copy.getContext("2d")!.drawImage(canvas, 0, 0);
     this.context.transferFromImageBitmap(copy.transferToImageBitmap());
     this.picture.hidden = false;
-    this.holds = true;
-    this.made++;
+    this.valid = true;
+    this.captures++;
   }
 
-  /** It shows what is no longer so. */
-  drop(): void {
-    this.holds = false;
+  /** Hide the outdated image. */
+  invalidate(): void {
+    this.valid = false;
     if (!this.picture.hidden) this.picture.hidden = true;
   }
 }

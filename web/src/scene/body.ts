@@ -1,4 +1,4 @@
-// What stands on the table: base, core and the three coils under the shell, and the edge of the workspace.
+// Stator of an electromagnet under a dome: base, core, coils, field sensors, and the edge of the workspace.
 
 import {
   BufferGeometry,
@@ -17,14 +17,14 @@ import {
 } from "three";
 import type { DomeScene } from "../session";
 import { css, onThemeChange } from "../theme";
-import { chips, partsOf, placePart } from "./parts";
+import { fieldSensors, partsOf, placePart } from "./parts";
 
-const MM = 1000;
-/** how a coil looks without current, and at its limit */
+const MM_PER_M = 1000;
+/** colours of a coil without current, and at its limit */
 const COPPER = new Color("#a8623a");
 const HOT = new Color("#ffcf5a");
-const DOT = 0.8; // mm: an engraved mark
-const SEEN = 0.08; // share of the greatest current that can be told from the next
+const MARK_RADIUS_MM = 0.8; // of an engraved mark
+const MIN_VISIBLE_CHANGE = 0.08; // of the current, relative to its limit
 
 export class Body {
   readonly group = new Group();
@@ -35,53 +35,53 @@ export class Body {
   private readonly edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
 
   constructor(tool: DomeScene, changed: () => void) {
-    const radius = tool.dome_radius * MM;
+    const radius = tool.dome_radius * MM_PER_M;
     const core = new Mesh(
-      new SphereGeometry(tool.core_radius * MM, 32, 20),
+      new SphereGeometry(tool.core_radius * MM_PER_M, 32, 20),
       new MeshPhongMaterial({ color: "#7d8794", specular: "#667", shininess: 40 }),
     );
     this.group.add(core);
     for (const coil of partsOf(tool, "coil")) {
       const material = new MeshPhongMaterial({ color: COPPER, specular: "#442", shininess: 30 });
-      // Of unknown size: seen through, as it could be another.
+      // Translucent, because its size is unknown.
       if (!coil.stated) Object.assign(material, { transparent: true, opacity: 0.45 });
       this.coils.push(material);
       this.group.add(placePart(coil, material));
     }
-    this.group.add(chips(tool));
+    this.group.add(fieldSensors(tool));
     for (const mark of tool.marks ?? []) {
-      const dot = new Mesh(new SphereGeometry(DOT, 12, 8), this.ink);
-      dot.position.set(...mark).multiplyScalar(MM);
+      const dot = new Mesh(new SphereGeometry(MARK_RADIUS_MM, 12, 8), this.ink);
+      dot.position.set(...mark).multiplyScalar(MM_PER_M);
       this.group.add(dot);
     }
     this.group.add(this.foot(radius));
-    if (tool.dome_wall > 0) this.group.add(this.rim(radius, radius - tool.dome_wall * MM));
+    if (tool.dome_wall > 0) this.group.add(this.rim(radius, radius - tool.dome_wall * MM_PER_M));
     this.group.add(this.workspace(radius * 1.004, tool.workspace));
-    const dress = (): void => {
+    const applyTheme = (): void => {
       this.base.color.set(css("--base"));
       this.ink.color.set(css("--text"));
       this.edge.color.set(css("--text"));
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
-  /** Coils glow with their share of the greatest current; true if one looks different now. */
+  /** Colour the coils by current relative to the limit; returns whether a colour changed visibly. */
   glow(currents: ArrayLike<number>, limits: number[]): boolean {
     let different = false;
     this.coils.forEach((material, i) => {
       const share = Math.min(1, Math.abs(currents[i] ?? 0) / (limits[i] ?? 1)) || 0;
       material.color.lerpColors(COPPER, HOT, share);
       material.emissive.setRGB(0.55 * share, 0.25 * share, 0);
-      if (Math.abs(share - (this.glowing[i] ?? 0)) < SEEN) return;
+      if (Math.abs(share - (this.glowing[i] ?? 0)) < MIN_VISIBLE_CHANGE) return;
       this.glowing[i] = share;
       different = true;
     });
     return different;
   }
 
-  /** A flat round base with a chamfered rim, just below the shell's edge. */
+  /** Flat round base with a chamfered rim, just below the edge of the shell. */
   private foot(radius: number): Mesh {
     const profile = [
       [0, -0.02],
@@ -97,7 +97,7 @@ export class Body {
     return new Mesh(geometry, this.base);
   }
 
-  /** The shell's wall, cut where it meets the base. */
+  /** Cross-section of the shell's wall at the base. */
   private rim(outer: number, inner: number): Mesh {
     return new Mesh(new RingGeometry(inner, outer, 96), this.ink);
   }

@@ -1,76 +1,77 @@
-// How much is drawn, in named levels: one down when frames come late, one up when they have long come in time.
+// Level of detail: reduced by a step when frames are slow, raised by a step after a long time of fast frames.
 
 export const LEVELS = ["full", "layered", "least"] as const;
-export type Level = (typeof LEVELS)[number];
+export type DetailLevel = (typeof LEVELS)[number];
 
-/** What a level draws; the sharpness is the most device pixels per CSS pixel. */
+/** Settings of a level; resolutions are the maximum of device pixels per CSS pixel. */
 export interface Detail {
-  /** whether what stands still is drawn once and kept */
+  /** whether the static part of the scene is drawn once and cached */
   layered: boolean;
-  /** sharpness of a picture of everything, of what is kept, and of what moves over it */
+  /** resolutions of the whole scene, of its cached static part, and of the moving part */
   whole: number;
-  kept: number;
+  backdrop: number;
   moving: number;
-  /** ms between two drawings of the plots */
-  plots: number;
+  /** minimum interval between redraws of the plots [ms] */
+  plotInterval: number;
 }
 
-export const DETAIL: Record<Level, Detail> = {
-  full: { layered: false, whole: 2, kept: 2, moving: 2, plots: 66 },
-  layered: { layered: true, whole: 1, kept: 1, moving: 1, plots: 100 },
-  least: { layered: true, whole: 0.6, kept: 1, moving: 0.6, plots: 250 },
+export const DETAIL: Record<DetailLevel, Detail> = {
+  full: { layered: false, whole: 2, backdrop: 2, moving: 2, plotInterval: 66 },
+  layered: { layered: true, whole: 1, backdrop: 1, moving: 1, plotInterval: 100 },
+  least: { layered: true, whole: 0.6, backdrop: 1, moving: 0.6, plotInterval: 250 },
 };
 
-const LATE = 40; // ms from frame to frame: fewer than 25 a second
-const BRISK = 20; // ms: as fast as most screens
-const FEW = 24; // frames that decide whether it is slow
-const MANY = 240; // frames that decide whether it is quick
-const PATIENCE = 5000; // ms at a level before a finer one is tried; doubled when that was too much
-const MOST = 320_000;
-const PAUSE = 500; // ms: nothing was drawn, which says nothing about speed
+const SLOW_FRAME_MS = 40; // fewer than 25 frames per second
+const FAST_FRAME_MS = 20; // close to the refresh interval of most screens
+const SLOW_WINDOW_FRAMES = 24; // frames considered before the level is reduced
+const FAST_WINDOW_FRAMES = 240; // and before it is raised
+const FAST_FRACTION = 0.9; // of these frames must be fast
+const MIN_LEVEL_TIME_MS = 5000; // before the level is raised; doubled each time that the higher level was too slow
+const MAX_LEVEL_TIME_MS = 320_000;
+const IDLE_GAP_MS = 500; // longer gaps are idle time, not slow drawing
 
-/** The level that the page's address asks for (`?detail=full`), if it does. */
-export function requestedLevel(): Level | null {
+/** Level requested in the page's address (`?detail=full`); null: none. */
+export function requestedLevel(): DetailLevel | null {
   const word = new URLSearchParams(location.search).get("detail");
   return LEVELS.find((level) => level === word) ?? null;
 }
 
 export class DetailControl {
   private at: number;
-  private paces: number[] = [];
+  private frameTimes: number[] = [];
   private last = -Infinity;
-  private since = 0;
-  private rose = -Infinity;
-  private patience = PATIENCE;
+  private changedAt = 0;
+  private raisedAt = -Infinity;
+  private levelTime = MIN_LEVEL_TIME_MS;
 
-  /** It begins at `best`, goes no finer, and stays there if it is `fixed`. */
+  /** `best`: the initial and highest level; `fixed`: never change it. */
   constructor(
-    readonly best: Level,
+    readonly best: DetailLevel,
     private readonly fixed: boolean,
   ) {
     this.at = LEVELS.indexOf(best);
   }
 
-  get level(): Level {
+  get level(): DetailLevel {
     return LEVELS[this.at]!;
   }
 
-  /** Something was drawn in the frame at `now` [ms]; true if the level is another one from here on. */
+  /** Register a frame drawn at time `now` [ms]; returns whether the level changed. */
   frame(now: number): boolean {
-    const pace = now - this.last;
+    const frameTime = now - this.last;
     this.last = now;
-    if (this.fixed || !(pace < PAUSE)) return false;
-    this.paces.push(pace);
-    if (this.paces.length > MANY) this.paces.shift();
-    const late = this.paces.slice(-FEW).filter((ms) => ms > LATE).length;
-    if (late > FEW / 2 && this.at < LEVELS.length - 1) {
-      // What was tried and failed is not tried again soon: a picture that flickers between levels is worse than either.
-      if (now - this.rose < this.patience) this.patience = Math.min(MOST, 2 * this.patience);
+    if (this.fixed || !(frameTime < IDLE_GAP_MS)) return false;
+    this.frameTimes.push(frameTime);
+    if (this.frameTimes.length > FAST_WINDOW_FRAMES) this.frameTimes.shift();
+    const slow = this.frameTimes.slice(-SLOW_WINDOW_FRAMES).filter((ms) => ms > SLOW_FRAME_MS).length;
+    if (slow > SLOW_WINDOW_FRAMES / 2 && this.at < LEVELS.length - 1) {
+      // Back off after a failed attempt: switching back and forth between levels is worse than either.
+      if (now - this.raisedAt < this.levelTime) this.levelTime = Math.min(MAX_LEVEL_TIME_MS, 2 * this.levelTime);
       return this.step(1, now);
     }
-    const brisk = this.paces.filter((ms) => ms < BRISK).length;
-    if (this.at > LEVELS.indexOf(this.best) && brisk >= 0.9 * MANY && now - this.since > this.patience) {
-      this.rose = now;
+    const fast = this.frameTimes.filter((ms) => ms < FAST_FRAME_MS).length;
+    if (this.at > LEVELS.indexOf(this.best) && fast >= FAST_FRACTION * FAST_WINDOW_FRAMES && now - this.changedAt > this.levelTime) {
+      this.raisedAt = now;
       return this.step(-1, now);
     }
     return false;
@@ -78,8 +79,8 @@ export class DetailControl {
 
   private step(by: number, now: number): boolean {
     this.at += by;
-    this.since = now;
-    this.paces = [];
+    this.changedAt = now;
+    this.frameTimes = [];
     return true;
   }
 }

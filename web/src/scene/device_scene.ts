@@ -1,30 +1,30 @@
-// How one kind of device is shown. The page asks the table in `scenes.ts` once, by the name that the server gives, and
-// nowhere else which device it is.
+// How one kind of device is drawn. The page selects it once in `scenes.ts`, by the name that the server sends; no other
+// code depends on the kind of device.
 
 import type { Sample } from "../sample";
-import type { Gives, Session } from "../session";
+import type { RenderedQuantity, Session } from "../session";
 import type { Home } from "./orbit";
 import type { Stage } from "./stage";
-import type { Subject } from "./subject";
+import type { DeviceDrawing } from "./device_drawing";
 
-/** The numbers of this moment. */
-export interface Readings {
+/** Panel with the numbers of the present sample. */
+export interface ReadoutPanel {
   show(sample: Sample): void;
-  /** The same, as a sentence for those who listen. */
+  /** Summary for screen readers. */
   sentence(sample: Sample): string;
 }
 
 export interface DeviceScene {
-  /** the part that is dragged, as the help calls it */
+  /** name of the part that is dragged, for the help */
   readonly held: string;
-  /** whether the radial part of the force is worth a plot of its own */
+  /** whether the plots offer the radial force */
   readonly radial: boolean;
-  /** what the colours mean: a force painted in the picture, the coils' currents, or nothing */
+  /** what the colours show: the force map, the coil currents, or nothing */
   readonly colours: "force" | "currents" | "none";
   home(session: Session): Home;
-  subject(stage: Stage, session: Session): Subject;
-  readings(session: Session): Readings;
+  drawing(stage: Stage, session: Session): DeviceDrawing;
+  readouts(session: Session): ReadoutPanel;
 }
 
-/** Where what a device gives begins in a wrench of six numbers. */
-export const firstOf = (gives: Gives): 0 | 3 => (gives === "torque" ? 3 : 0);
+/** Index of the first component of the rendered quantity in a wrench. */
+export const firstOf = (gives: RenderedQuantity): 0 | 3 => (gives === "torque" ? 3 : 0);

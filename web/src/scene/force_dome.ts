@@ -1,5 +1,5 @@
-// The dome with the force map: colour is the radial force that the device would give there, hatched where it is at its
-// limit, lined where the force changes its sign. Where nothing is felt the shell is clear and the coils show.
+// Dome with the force map: colour is the radial force delivered at each place, with hatching where the device is at its
+// limit and a line where the force changes sign. Where there is no force the shell is transparent.
 
 import {
   BufferAttribute,
@@ -45,7 +45,7 @@ const FRAGMENT = /* glsl */ `
     float rim = 1.0 - abs(dot(normalize(vNormal), normalize(vView)));
     float alpha = mix(0.40, 0.93, strength) + 0.35 * rim * rim;
     float steep = fwidth(vForce);
-    // Lines of equal force every fifth of the range, a stronger one where pushing turns into pulling.
+    // Contour lines at every fifth of the range, and a stronger one at zero force.
     float level = vForce / range * 5.0;
     float band = abs(fract(level - 0.5) - 0.5) / max(fwidth(level), 1e-6);
     float line = (1.0 - smoothstep(0.5, 1.5, band)) * step(0.5, abs(level)) * 0.28;
@@ -62,7 +62,7 @@ export class ForceDome {
   readonly mesh: Mesh<BufferGeometry, ShaderMaterial>;
   /** force at full colour [N] */
   range = 0.5;
-  /** the map has no force and no limit anywhere: there is nothing to paint */
+  /** the map has no force and no limit anywhere */
   blank = false;
   force: Float32Array = new Float32Array();
   saturated: Uint8Array = new Uint8Array();
@@ -88,11 +88,11 @@ export class ForceDome {
     });
     this.mesh = new Mesh(new BufferGeometry(), material);
     this.mesh.visible = false;
-    onThemeChange(() => this.dress());
-    this.dress();
+    onThemeChange(() => this.applyTheme());
+    this.applyTheme();
   }
 
-  /** The dome's vertices, once. */
+  /** Set the mesh of the dome. */
   shape(directions: Float32Array, triangles: Uint32Array): void {
     this.directions = directions;
     const { geometry } = this.mesh;
@@ -101,7 +101,7 @@ export class ForceDome {
     geometry.setAttribute("saturated", new BufferAttribute(new Float32Array(directions.length / 3), 1));
     geometry.setIndex(new BufferAttribute(triangles, 1));
     this.mesh.frustumCulled = false;
-    this.mesh.visible = true; // clear, until the map is there
+    this.mesh.visible = true; // transparent until the map arrives
     this.changed();
   }
 
@@ -111,7 +111,7 @@ export class ForceDome {
     let largest = 0;
     for (const f of force) largest = Math.max(largest, Math.abs(f));
     this.range = roundUp(Math.max(largest, 0.05));
-    this.blank = largest < 1e-4 && !saturated.some(Boolean); // 0.1 mN: what rounding leaves
+    this.blank = largest < 1e-4 && !saturated.some(Boolean); // 0.1 mN: rounding errors
     const { geometry, material } = this.mesh;
     (geometry.getAttribute("force") as BufferAttribute).copyArray(force).needsUpdate = true;
     (geometry.getAttribute("saturated") as BufferAttribute).copyArray(saturated).needsUpdate = true;
@@ -119,13 +119,13 @@ export class ForceDome {
     this.changed();
   }
 
-  /** Grey when nothing is known any more. */
+  /** Draw in grey while the page is not live. */
   live(yes: boolean): void {
     this.mesh.material.uniforms["live"]!.value = yes ? 1 : 0;
     this.changed();
   }
 
-  /** The map's force and limit at the vertex nearest to a direction. */
+  /** Force and limit at the vertex nearest to `direction`. */
   at(direction: readonly number[]): { force: number; saturated: boolean } {
     let best = -2;
     let vertex = 0;
@@ -137,7 +137,7 @@ export class ForceDome {
     return { force: this.force[vertex] ?? NaN, saturated: this.saturated[vertex] === 1 };
   }
 
-  private dress(): void {
+  private applyTheme(): void {
     this.map.image.data = mapPixels();
     this.map.needsUpdate = true;
     (this.mesh.material.uniforms["ink"]!.value as Color).setStyle(css("--map-ink"), SRGBColorSpace).convertLinearToSRGB();
@@ -145,7 +145,7 @@ export class ForceDome {
   }
 }
 
-/** The next number of a short list, times a power of ten. */
+/** Round up to a convenient full scale: a preferred number times a power of ten. */
 export function roundUp(value: number): number {
   const power = 10 ** Math.floor(Math.log10(value));
   for (const step of [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8]) if (step * power >= value * 0.999) return step * power;

@@ -1,6 +1,6 @@
-// Who computes the pictures: a graphics processor, or the one that also runs the servo.
+// Detection of software rendering, which takes time from the CPU cores that run the servo.
 
-/** Whether there is no graphics processor. */
+/** Whether WebGL is rendered in software, without a GPU. */
 export function isDrawnInSoftware(): boolean {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");

@@ -1,4 +1,4 @@
-// What is drawn where the mover is: a marker and the way that it came, or the tool of a coil array with its magnets.
+// Drawings of the mover: a marker with its trail, or the tool of a coil array with its magnets.
 
 import {
   BufferAttribute,
@@ -19,69 +19,69 @@ import type { PlateScene } from "../session";
 import { css, onThemeChange } from "../theme";
 import { partsOf, placePart } from "./parts";
 
-const MM = 1000;
-const MARKER = 4; // mm, radius
-const WAY = 240; // places of the way that the mover came
-const STEM = 1.6; // mm, radius: of the tool's shape the device file states its tip only
+const MM_PER_M = 1000;
+const MARKER_RADIUS_MM = 4;
+const TRAIL_POINTS = 240;
+const STEM_RADIUS_MM = 1.6; // for the drawing only: a device file states just the tip of the tool
 
 export interface Mover {
   readonly group: Object3D;
-  /** how far it reaches from its middle [mm] */
+  /** radius of the drawing about its centre [mm] */
   readonly radius: number;
-  /** where it is drawn [mm]; NaN: it is not */
+  /** drawn position [mm]; NaN: not drawn */
   readonly place: Vector3;
-  /** Position [m] and quaternion R_SR; hidden where they are not known. */
+  /** Set position [m] and quaternion R_SR; hidden if they are unknown. */
   move(p: readonly number[], q: readonly number[]): void;
   forget(): void;
 }
 
 export class Marker implements Mover {
   readonly group = new Group();
-  readonly radius = MARKER;
-  private readonly ball = new Mesh(new SphereGeometry(MARKER, 24, 16), new MeshPhongMaterial({ shininess: 40 }));
-  private readonly way: Line<BufferGeometry, LineBasicMaterial>;
-  private readonly passed = new Float32Array(3 * WAY);
-  private kept = 0;
+  readonly radius = MARKER_RADIUS_MM;
+  private readonly ball = new Mesh(new SphereGeometry(MARKER_RADIUS_MM, 24, 16), new MeshPhongMaterial({ shininess: 40 }));
+  private readonly trail: Line<BufferGeometry, LineBasicMaterial>;
+  private readonly trailPoints = new Float32Array(3 * TRAIL_POINTS);
+  private trailLength = 0;
 
   constructor(changed: () => void) {
-    const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(this.passed, 3));
-    this.way = new Line(geometry, new LineBasicMaterial({ transparent: true, opacity: 0.6 }));
-    this.way.frustumCulled = false;
+    const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(this.trailPoints, 3));
+    this.trail = new Line(geometry, new LineBasicMaterial({ transparent: true, opacity: 0.6 }));
+    this.trail.frustumCulled = false;
     this.ball.visible = false;
-    this.group.add(this.way, this.ball);
-    const dress = (): void => {
+    this.group.add(this.trail, this.ball);
+    const applyTheme = (): void => {
       this.ball.material.color.set(css("--pen"));
-      this.way.material.color.set(css("--text"));
+      this.trail.material.color.set(css("--text"));
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
   get place(): Vector3 {
-    return placeOf(this.ball);
+    return worldPosition(this.ball);
   }
 
   move(p: readonly number[]): void {
     this.ball.visible = Number.isFinite(p[0]!);
     if (!this.ball.visible) return;
-    this.ball.position.set(p[0]! * MM, p[1]! * MM, p[2]! * MM);
-    // Keep this place of the way; the oldest goes.
-    if (this.kept === WAY) this.passed.copyWithin(0, 3);
-    else this.kept++;
-    this.ball.position.toArray(this.passed, 3 * (this.kept - 1));
-    this.way.geometry.getAttribute("position").needsUpdate = true;
-    this.way.geometry.setDrawRange(0, this.kept);
+    this.ball.position.set(p[0]! * MM_PER_M, p[1]! * MM_PER_M, p[2]! * MM_PER_M);
+    // Append to the trail, and drop its oldest point.
+    if (this.trailLength === TRAIL_POINTS) this.trailPoints.copyWithin(0, 3);
+    else this.trailLength++;
+    this.ball.position.toArray(this.trailPoints, 3 * (this.trailLength - 1));
+    this.trail.geometry.getAttribute("position").needsUpdate = true;
+    this.trail.geometry.setDrawRange(0, this.trailLength);
   }
 
   forget(): void {
-    this.kept = 0;
-    this.way.geometry.setDrawRange(0, 0);
+    this.trailLength = 0;
+    this.trail.geometry.setDrawRange(0, 0);
     this.ball.visible = false;
   }
 }
 
-/** The magnets at their sizes and places in the tool, and a stem to its tip. */
+/** Tool of a coil array: its magnets with true sizes and positions, and a stem to the tip. */
 export class ArrayTool implements Mover {
   readonly group = new Group();
   readonly radius: number;
@@ -91,38 +91,38 @@ export class ArrayTool implements Mover {
     const { origin, tip_distance } = scene.tool;
     const magnets = partsOf(scene, "magnet").filter(({ moves }) => moves);
     const metal = new MeshPhongMaterial({ color: "#8c97a6", specular: "#8899aa", shininess: 60 });
-    const tip = -tip_distance * MM;
+    const tip = -tip_distance * MM_PER_M;
     let lowest = 0;
     this.radius = 0;
     for (const magnet of magnets) {
       const position = magnet.position.map((x, i) => x - origin[i]!) as [number, number, number];
       this.group.add(placePart({ ...magnet, position }, metal));
-      const reach = Math.hypot(magnet.outer_radius, magnet.length / 2) * MM;
-      lowest = Math.min(lowest, position[2] * MM - reach);
-      this.radius = Math.max(this.radius, Math.hypot(...position) * MM + magnet.outer_radius * MM);
+      const reach = Math.hypot(magnet.outer_radius, magnet.length / 2) * MM_PER_M;
+      lowest = Math.min(lowest, position[2] * MM_PER_M - reach);
+      this.radius = Math.max(this.radius, Math.hypot(...position) * MM_PER_M + magnet.outer_radius * MM_PER_M);
     }
-    // Into the magnets, so that nothing floats.
+    // The stem reaches into the magnets, so that there is no gap.
     const top = Math.max(lowest, tip) * 0.5;
-    const stem = [[0, tip], [STEM * 0.5, tip + 0.4], [STEM, tip + 1.6], [STEM, top], [0, top]] as const;
+    const stem = [[0, tip], [STEM_RADIUS_MM * 0.5, tip + 0.4], [STEM_RADIUS_MM, tip + 1.6], [STEM_RADIUS_MM, top], [0, top]] as const;
     this.group.add(
       new Mesh(new LatheGeometry(stem.map(([x, y]) => new Vector2(x, y)), 24).rotateX(Math.PI / 2), this.pen),
     );
-    const dress = (): void => {
+    const applyTheme = (): void => {
       this.pen.color.set(css("--pen"));
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
     this.group.visible = false;
   }
 
   get place(): Vector3 {
-    return placeOf(this.group);
+    return worldPosition(this.group);
   }
 
   move(p: readonly number[], q: readonly number[]): void {
     this.group.visible = Number.isFinite(p[0]! + q[0]!);
-    this.group.position.set(p[0]! * MM, p[1]! * MM, p[2]! * MM);
+    this.group.position.set(p[0]! * MM_PER_M, p[1]! * MM_PER_M, p[2]! * MM_PER_M);
     this.group.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
     this.group.updateMatrixWorld();
   }
@@ -132,5 +132,5 @@ export class ArrayTool implements Mover {
   }
 }
 
-const placeOf = (body: Object3D): Vector3 =>
+const worldPosition = (body: Object3D): Vector3 =>
   body.visible ? body.getWorldPosition(new Vector3()) : new Vector3(NaN, NaN, NaN);

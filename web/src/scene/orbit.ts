@@ -1,8 +1,8 @@
-// The view: turned about the device by dragging beside the stylus, nearer and further by wheel, pinch or buttons.
+// Orbit camera: rotated by dragging beside the tool, zoomed by wheel, pinch or buttons.
 
 import { Vector3, type PerspectiveCamera } from "three";
 
-/** Where a view begins: degrees and millimetres. */
+/** Initial view, in degrees and millimetres. */
 export interface Home {
   azimuth: number;
   elevation: number;
@@ -28,7 +28,7 @@ export class Orbit {
     this.aim();
   }
 
-  /** Turn by degrees. */
+  /** Rotate the view by these angles [deg]. */
   turn(azimuth: number, elevation: number): void {
     this.azimuth += azimuth;
     this.elevation = Math.min(89, Math.max(-15, this.elevation + elevation));

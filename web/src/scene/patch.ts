@@ -1,11 +1,11 @@
-// A small canvas that follows what moves over a kept picture: a processor that draws pays for every pixel.
+// Small canvas that follows the moving part over the backdrop: software rendering costs time per pixel.
 
 import { type Camera, type DirectionalLight, type HemisphereLight, Mesh, type Object3D, type PerspectiveCamera, Vector3 } from "three";
-import { type Screen, Sketch } from "./sketch";
+import { type Screen, SoftwareRenderer } from "./software_renderer";
 
-const MARGIN = 6; // px around what moves: edges are drawn a little wider than they are
-const STEP = 64; // px: its size goes in steps, for another size means another picture buffer
-const ROOM = 2; // steps by which it may be too large before it shrinks
+const MARGIN_PX = 6; // around the moving part, for outlines and antialiasing
+const SIZE_STEP_PX = 64; // every change of size allocates a new buffer
+const MAX_EXCESS_STEPS = 2; // of the size, before it is reduced
 
 interface Size {
   width: number;
@@ -14,7 +14,7 @@ interface Size {
 
 export class Patch {
   private readonly canvas = document.createElement("canvas");
-  private readonly sketch: Sketch;
+  private readonly renderer: SoftwareRenderer;
   private size: Size = { width: 0, height: 0 };
 
   constructor(over: HTMLCanvasElement, sky: HemisphereLight, sun: DirectionalLight) {
@@ -22,11 +22,11 @@ export class Patch {
     this.canvas.ariaHidden = "true";
     this.canvas.hidden = true;
     over.before(this.canvas);
-    this.sketch = new Sketch(this.canvas, sky, sun);
+    this.renderer = new SoftwareRenderer(this.canvas, sky, sun);
   }
 
-  /** Draw `objects` as `camera` sees them in a view of `view` CSS px, behind `screen`, and nothing else. */
-  draw(objects: readonly Object3D[], camera: PerspectiveCamera, view: Size, sharpness: number, screen: Screen | null): void {
+  /** Draw `objects` as seen by `camera` in a view of size `view` [CSS px], dimmed behind `screen`. */
+  draw(objects: readonly Object3D[], camera: PerspectiveCamera, view: Size, resolution: number, screen: Screen | null): void {
     const frame = outline(objects, camera, view);
     this.canvas.hidden = frame === null;
     if (!frame) return;
@@ -37,8 +37,8 @@ export class Patch {
     const { width, height } = this.size;
     const left = Math.floor(clamp(frame.left - (width - frame.width) / 2, view.width - width));
     const top = Math.floor(clamp(frame.top - (height - frame.height) / 2, view.height - height));
-    const ratio = Math.min(devicePixelRatio, sharpness);
-    this.sketch.draw(objects, camera, view, { left, top, width, height, ratio }, screen);
+    const ratio = Math.min(devicePixelRatio, resolution);
+    this.renderer.draw(objects, camera, view, { left, top, width, height, ratio }, screen);
     Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px`, transform: `translate(${left}px, ${top}px)` });
   }
 
@@ -47,10 +47,10 @@ export class Patch {
   }
 }
 
-/** A length that holds `needed` px, as it is or in whole steps, and none longer than `most`. */
+/** Canvas length for `needed` px: the present one if it fits, otherwise in whole steps; at most `most`. */
 function fitSize(present: number, needed: number, most: number): number {
-  const wanted = STEP * Math.ceil(needed / STEP);
-  if (present >= wanted && present <= wanted + ROOM * STEP && present <= most) return present;
+  const wanted = SIZE_STEP_PX * Math.ceil(needed / SIZE_STEP_PX);
+  if (present >= wanted && present <= wanted + MAX_EXCESS_STEPS * SIZE_STEP_PX && present <= most) return present;
   return Math.min(wanted, most);
 }
 
@@ -60,7 +60,7 @@ function clamp(value: number, most: number): number {
 
 const corner = new Vector3();
 
-/** The rectangle of the view in which `objects` are seen [CSS px]; null if none is. */
+/** Bounding rectangle of `objects` in the view [CSS px]; null if none is visible. */
 function outline(objects: readonly Object3D[], camera: Camera, view: Size): (Size & { left: number; top: number }) | null {
   let [left, right, top, bottom] = [Infinity, -Infinity, Infinity, -Infinity];
   for (const object of objects) {
@@ -80,9 +80,9 @@ function outline(objects: readonly Object3D[], camera: Camera, view: Size): (Siz
       }
     });
   }
-  left = Math.max(0, left - MARGIN);
-  top = Math.max(0, top - MARGIN);
-  const width = Math.min(view.width, right + MARGIN) - left;
-  const height = Math.min(view.height, bottom + MARGIN) - top;
+  left = Math.max(0, left - MARGIN_PX);
+  top = Math.max(0, top - MARGIN_PX);
+  const width = Math.min(view.width, right + MARGIN_PX) - left;
+  const height = Math.min(view.height, bottom + MARGIN_PX) - top;
   return width > 0 && height > 0 ? { left, top, width, height } : null;
 }

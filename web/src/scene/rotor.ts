@@ -1,4 +1,4 @@
-// A spherical motor: stator with its coils coloured by current, and the rotor around it with magnets and handle.
+// Meshes of a spherical motor: stator with coils coloured by current, and rotor with magnets and handle.
 
 import {
   CanvasTexture,
@@ -21,11 +21,11 @@ import {
   type BufferGeometry,
 } from "three";
 import type { MotorScene, RoundPart } from "../session";
-import { css, mapped, onThemeChange } from "../theme";
-import { chips, partsOf, placeEach, placePart, roundBody } from "./parts";
+import { css, mapColour, onThemeChange } from "../theme";
+import { fieldSensors, partsOf, placeEach, placePart, roundBody } from "./parts";
 
-const MM = 1000;
-const GRIP = 13; // mm, radius of the handle's ball: for the eye
+const MM_PER_M = 1000;
+const GRIP_RADIUS_MM = 13; // ball of the handle, for the drawing only
 
 export class Rotor {
   readonly group = new Group();
@@ -49,14 +49,14 @@ export class Rotor {
   ) {
     const coils = partsOf(mover, "coil");
     const magnets = partsOf(mover, "magnet");
-    // Alike in size and distance: the file gives one for all.
+    // All have the same size and distance from the centre.
     [this.coil, this.magnet] = [coils[0]!, magnets[0]!];
     this.coils = this.makeCoils(coils);
-    this.stator.add(this.coils, this.foot(), chips(mover));
+    this.stator.add(this.coils, this.foot(), fieldSensors(mover));
     this.magnets(magnets);
     for (const ring of partsOf(mover, "ring")) (ring.moves ? this.group : this.stator).add(placePart(ring, this.steel));
     this.shell();
-    const dress = (): void => {
+    const applyTheme = (): void => {
       this.frame.color.set(css("--base"));
       this.grip.color.set(css("--pen"));
       this.base.color.set(css("--base"));
@@ -64,38 +64,38 @@ export class Rotor {
       this.glow(this.last);
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
-  /** Coils take the colour of their current: one channel drives several, some the other way round. */
+  /** Colour the coils by current; a channel drives several coils, some with reversed polarity. */
   glow(currents: ArrayLike<number>): void {
     this.last = Array.from(currents);
     this.mover.groups.forEach((row, k) => {
       let current = 0;
       row.forEach((sign, channel) => (current += sign * (currents[channel] ?? 0)));
-      const [r, g, b] = mapped((current || 0) / this.range);
+      const [r, g, b] = mapColour((current || 0) / this.range);
       this.coils.setColorAt(k, this.colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace));
     });
     if (this.coils.instanceColor) this.coils.instanceColor.needsUpdate = true;
   }
 
-  /** Quaternion R_SR. */
+  /** Set the orientation: quaternion R_SR. */
   turn(q: readonly number[]): void {
     this.group.visible = Number.isFinite(q[0]!);
     this.group.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
     this.group.updateMatrixWorld();
   }
 
-  /** Foot and middle of the handle's ball, in millimetres. */
+  /** Base of the handle and centre of its ball [mm]. */
   ends(): [Vector3, Vector3] {
-    return [new Vector3(0, 0, this.radius), new Vector3(0, 0, this.mover.handle_length * MM)].map((point) =>
+    return [new Vector3(0, 0, this.radius), new Vector3(0, 0, this.mover.handle_length * MM_PER_M)].map((point) =>
       this.group.localToWorld(point),
     ) as [Vector3, Vector3];
   }
 
   private get radius(): number {
-    return (distanceOf(this.magnet) + this.magnet.length / 2) * MM;
+    return (distanceOf(this.magnet) + this.magnet.length / 2) * MM_PER_M;
   }
 
   private makeCoils(coils: readonly RoundPart[]): InstancedMesh {
@@ -108,19 +108,19 @@ export class Rotor {
     for (const north of [true, false]) {
       const some = magnets.filter((magnet) => magnet.polarity > 0 === north);
       const axes = some.map((magnet) => magnet.axis);
-      // A clear disc in a firm rim: what it hides, the coils, is what one wants to see.
+      // A transparent disc with a solid rim, so that the coils behind it stay visible.
       const rim = new MeshPhongMaterial({ specular: "#445", shininess: 30, side: DoubleSide });
-      const wall = new CylinderGeometry(radius * MM, radius * MM, length * MM, 32, 1, true).rotateX(Math.PI / 2);
+      const wall = new CylinderGeometry(radius * MM_PER_M, radius * MM_PER_M, length * MM_PER_M, 32, 1, true).rotateX(Math.PI / 2);
       const mesh = placeEach(wall, rim, some.map((magnet) => magnet.position), axes);
       this.poles.push({ mesh, north });
-      const face = new MeshBasicMaterial({ map: letter(north), transparent: true, depthWrite: false });
-      const letters = placeEach(new CircleGeometry(radius * MM, 32), face, some.map((magnet) => this.face(magnet)), axes, true);
+      const face = new MeshBasicMaterial({ map: poleTexture(north), transparent: true, depthWrite: false });
+      const letters = placeEach(new CircleGeometry(radius * MM_PER_M, 32), face, some.map((magnet) => this.face(magnet)), axes, true);
       letters.renderOrder = 2;
       this.group.add(mesh, letters);
     }
   }
 
-  /** The middle of a magnet's outer face [m]. */
+  /** Centre of a magnet's outer face [m]. */
   private face({ position, axis, length }: RoundPart): [number, number, number] {
     return position.map((x, i) => x + (axis[i]! * length) / 2) as [number, number, number];
   }
@@ -153,17 +153,17 @@ export class Rotor {
       bar.position.set(reach * Math.cos(a), reach * Math.sin(a), 0);
       this.group.add(bar);
     }
-    const end = this.mover.handle_length * MM;
+    const end = this.mover.handle_length * MM_PER_M;
     const stem = new Mesh(new CylinderGeometry(4, 5, end - far, 20), this.frame);
     stem.rotation.x = Math.PI / 2;
     stem.position.z = (far + end) / 2;
     const hub = new Mesh(new CylinderGeometry(9, 12, 5, 28), this.frame);
     hub.rotation.x = Math.PI / 2;
     hub.position.z = far;
-    const ball = new Mesh(new SphereGeometry(GRIP, 32, 24), this.grip);
+    const ball = new Mesh(new SphereGeometry(GRIP_RADIUS_MM, 32, 24), this.grip);
     ball.position.z = end;
-    // A mark on the ball: without it nobody sees it spin.
-    const mark = new Mesh(new TorusGeometry(GRIP, 1.1, 8, 24, Math.PI), this.frame);
+    // A mark on the ball makes its spin visible.
+    const mark = new Mesh(new TorusGeometry(GRIP_RADIUS_MM, 1.1, 8, 24, Math.PI), this.frame);
     mark.rotation.set(Math.PI / 2, 0, 0);
     mark.position.z = end;
     this.group.add(stem, hub, ball, mark);
@@ -172,7 +172,7 @@ export class Rotor {
   /** Core, column and plate. */
   private foot(): Group {
     const group = new Group();
-    const inner = (distanceOf(this.coil) - this.coil.length / 2) * MM - 1;
+    const inner = (distanceOf(this.coil) - this.coil.length / 2) * MM_PER_M - 1;
     group.add(new Mesh(new SphereGeometry(inner, 40, 28), this.base));
     const profile = [
       [0, -inner],
@@ -189,11 +189,11 @@ export class Rotor {
   }
 }
 
-/** From the motor's centre [m]. */
+/** Distance from the motor's centre [m]. */
 const distanceOf = ({ position }: RoundPart): number => Math.hypot(...position);
 
-/** A faint disc with the pole's letter. */
-function letter(north: boolean): CanvasTexture {
+/** Texture of a faint disc with the letter of the pole. */
+function poleTexture(north: boolean): CanvasTexture {
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 128;
   const texture = new CanvasTexture(canvas);

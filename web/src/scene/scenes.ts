@@ -1,25 +1,25 @@
-// The scenes that this page knows, by the name that the server gives; axes and a marker for any other.
+// Scenes by the name that the server sends; axes and a marker for any other name.
 
 import { Readouts } from "../panels/readouts";
 import { MotorReadouts } from "../panels/motor_readouts";
 import { PlaceReadouts } from "../panels/place_readouts";
 import type { DomeScene, MotorScene, PlateScene, Session } from "../session";
-import { AxesSubject } from "./axes_subject";
+import { AxesDrawing } from "./axes_drawing";
 import type { DeviceScene } from "./device_scene";
 import { partsOf } from "./parts";
-import { PlateSubject } from "./plate_subject";
-import { RotorSubject } from "./rotor_subject";
-import { ToolSubject } from "./tool_subject";
+import { PlateDrawing } from "./plate_drawing";
+import { MotorDrawing } from "./motor_drawing";
+import { DomeDrawing } from "./dome_drawing";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 
 const DOME: DeviceScene = {
   held: "stylus",
   radial: true,
   colours: "force",
   home: () => ({ azimuth: -62, elevation: 26, distance: 262, centre: [0, 0, 43] }),
-  subject: (stage, session) => new ToolSubject(stage, session.scene as DomeScene, session.limits),
-  readings: (session) => new Readouts(session),
+  drawing: (stage, session) => new DomeDrawing(stage, session.scene as DomeScene, session.limits),
+  readouts: (session) => new Readouts(session),
 };
 
 const MOTOR: DeviceScene = {
@@ -27,8 +27,8 @@ const MOTOR: DeviceScene = {
   radial: false,
   colours: "currents",
   home: () => ({ azimuth: -62, elevation: 24, distance: 560, centre: [-30, -16, 0] }),
-  subject: (stage, session) => new RotorSubject(stage, session.scene as MotorScene, session.limits),
-  readings: (session) => new MotorReadouts(session),
+  drawing: (stage, session) => new MotorDrawing(stage, session.scene as MotorScene, session.limits),
+  readouts: (session) => new MotorReadouts(session),
 };
 
 const AXES: DeviceScene = {
@@ -38,12 +38,12 @@ const AXES: DeviceScene = {
   home: (session) => {
     const [x, y, z] = session.scene.rest ?? [0, 0, 0];
     const corners = (session.scene.edges ?? []).flat();
-    const reach = Math.max(0, ...corners.map((at) => Math.hypot(at[0] - x, at[1] - y, at[2] - z) * MM));
-    const distance = Math.max(262, (innerWidth < 600 ? 5 : 3.9) * reach); // a telephone upright is narrower than high
-    return { azimuth: -62, elevation: 26, distance, centre: [x * MM, y * MM, z * MM] };
+    const reach = Math.max(0, ...corners.map((at) => Math.hypot(at[0] - x, at[1] - y, at[2] - z) * MM_PER_M));
+    const distance = Math.max(262, (innerWidth < 600 ? 5 : 3.9) * reach); // phones in portrait are narrow
+    return { azimuth: -62, elevation: 26, distance, centre: [x * MM_PER_M, y * MM_PER_M, z * MM_PER_M] };
   },
-  subject: (stage, session) => new AxesSubject(stage, session.scene, session.limits),
-  readings: (session) => new PlaceReadouts(session),
+  drawing: (stage, session) => new AxesDrawing(stage, session.scene, session.limits),
+  readouts: (session) => new PlaceReadouts(session),
 };
 
 const PLATE: DeviceScene = {
@@ -51,17 +51,17 @@ const PLATE: DeviceScene = {
   radial: false,
   colours: "currents",
   home: (session) => {
-    // As far away as the coils and the space over them reach, and about the middle of both.
+    // Fit coils and workspace into the view.
     const scene = session.scene as PlateScene;
     const coils = partsOf(scene, "coil");
     const across = coils.map(({ position: [x, y], outer_radius }) => Math.hypot(x, y) + outer_radius);
     const bottom = Math.min(0, ...coils.map(({ position: [, , z], length, outer_radius }) => z - Math.max(length / 2, outer_radius / 2)));
-    const reach = Math.max(Math.hypot(...scene.half_width) * MM + 30, Math.max(...across) * MM + 20);
-    const distance = (innerWidth < 600 ? 4.3 : 3.3) * reach; // a telephone upright is narrower than high
-    return { azimuth: -62, elevation: 34, distance, centre: [0, 0, ((bottom + scene.contact_height + scene.thickness) / 2) * MM] };
+    const reach = Math.max(Math.hypot(...scene.half_width) * MM_PER_M + 30, Math.max(...across) * MM_PER_M + 20);
+    const distance = (innerWidth < 600 ? 4.3 : 3.3) * reach; // phones in portrait are narrow
+    return { azimuth: -62, elevation: 34, distance, centre: [0, 0, ((bottom + scene.contact_height + scene.thickness) / 2) * MM_PER_M] };
   },
-  subject: (stage, session) => new PlateSubject(stage, session.scene as PlateScene, session.limits),
-  readings: (session) => new PlaceReadouts(session),
+  drawing: (stage, session) => new PlateDrawing(stage, session.scene as PlateScene, session.limits),
+  readouts: (session) => new PlaceReadouts(session),
 };
 
 const SCENES: Record<string, DeviceScene> = { dome: DOME, motor: MOTOR, plate: PLATE };

@@ -1,4 +1,4 @@
-// Bodies of a world with memory: a ball, a key, a box, each where the numbers of the row's memory have it.
+// Bodies of a world with memory, at the poses in the row's memory.
 
 import {
   BoxGeometry,
@@ -18,13 +18,13 @@ import { make } from "../panels/dom";
 import { css, onThemeChange } from "../theme";
 import type { Stage } from "./stage";
 
-const MOVED = 2e-5; // m: less is no reason to draw
-const TURNED = 2e-3; // of a quaternion's parts
+const MIN_VISIBLE_MOVE_M = 2e-5;
+const MIN_VISIBLE_TURN = 2e-3; // of a quaternion's component
 
 const COLOURS = { held: "--held", moves: "--loose", fixed: "--base", path: "--map-ink", "": "--plug" };
-const WORDS = { held: "held body", moves: "moves", fixed: "fixed body", path: "path" };
+const LABELS = { held: "held body", moves: "moves", fixed: "fixed body", path: "path" };
 
-/** How far a body may reach from its middle [m]. */
+/** Upper bound of a body's radius about its centre [m]. */
 const reach = ({ size, points }: Shape): number =>
   Math.max(0, ...size, ...points.map(Math.abs), size.length === 2 ? size[0]! + size[1]! : 0);
 
@@ -33,7 +33,7 @@ export class Shapes {
   private readonly materials = {
     held: new MeshLambertMaterial({ flatShading: true }),
     moves: new MeshLambertMaterial({ flatShading: true }),
-    // Seen through: what is held may be inside it.
+    // Translucent, because the held body may be inside.
     fixed: new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false }),
     path: new MeshLambertMaterial(),
     "": new MeshLambertMaterial(),
@@ -42,7 +42,7 @@ export class Shapes {
   private lastText = "[]";
   private drawn: number[][] = [];
 
-  /** `unit`: units of the picture per metre. */
+  /** `unit`: scene units per metre. */
   constructor(
     private readonly stage: Stage,
     private readonly unit: number,
@@ -50,16 +50,16 @@ export class Shapes {
     private readonly legend: HTMLElement,
   ) {
     stage.scene.add(this.group);
-    const dress = (): void => {
+    const applyTheme = (): void => {
       for (const [role, colour] of Object.entries(COLOURS)) this.materials[role as Shape["role"]].color.set(css(colour));
       stage.touch();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
     this.build(shapes);
   }
 
-  /** Another world, or other sizes. */
+  /** Replace the bodies, if they changed. */
   build(shapes: Shape[]): void {
     const text = JSON.stringify(shapes);
     if (text === this.lastText) return;
@@ -76,38 +76,38 @@ export class Shapes {
       this.group.add(mesh);
     }
     this.drawn = shapes.map(() => []);
-    this.stage.join(this.group);
+    this.stage.addMoving(this.group);
     this.stage.touch();
-    this.explain();
+    this.updateLegend();
   }
 
-  /** Place and quaternion. */
+  /** Set position [m] and quaternion. */
   private put(mesh: Mesh, [x, y, z, ...q]: number[]): void {
     mesh.position.set(x! * this.unit, y! * this.unit, z! * this.unit);
     mesh.quaternion.set(q[0]!, q[1]!, q[2]!, q[3]!);
     mesh.visible = true;
   }
 
-  /** The legend of what the colours mean; none where there is one colour. */
-  private explain(): void {
+  /** Update the legend of the roles. */
+  private updateLegend(): void {
     const list = this.legend;
     const roles = (["held", "moves", "fixed", "path"] as const).filter((role) => this.shapes.some((shape) => shape.role === role));
     for (const old of [...list.querySelectorAll(".role")]) old.remove();
     list.append(
       ...roles.map((role) => {
         const chip = make("span", { ariaHidden: "true", className: `body ${role}` });
-        return make("li", { className: "role" }, chip, WORDS[role]);
+        return make("li", { className: "role" }, chip, LABELS[role]);
       }),
     );
     if (list.childElementCount) list.hidden = false;
   }
 
-  /** Whether there is a scene: bodies of several roles. */
+  /** Whether the world is a scene, whose bodies have roles. */
   get scene(): boolean {
     return this.shapes.some(({ role }) => role !== "");
   }
 
-  /** How far the scene reaches from its middle, and where that is [m], as it begins. */
+  /** Centre and radius of the scene in its initial state [m]. */
   get extent(): { centre: number[]; radius: number } {
     const known = this.shapes.filter(({ at }) => at.length);
     const axis = (i: number): [number, number] => {
@@ -129,7 +129,7 @@ export class Shapes {
       if (shape.place === null) return;
       const p = Array.from(memory.subarray(shape.place, shape.place + 3));
       const q = shape.attitude === null ? [0, 0, 0, 1] : Array.from(memory.subarray(shape.attitude, shape.attitude + 4));
-      const now = [...p.map((x) => x / MOVED), ...q.map((x) => x / TURNED)];
+      const now = [...p.map((x) => x / MIN_VISIBLE_MOVE_M), ...q.map((x) => x / MIN_VISIBLE_TURN)];
       const before = this.drawn[k]!;
       if (before.length && now.every((x, i) => !(Math.abs(x - before[i]!) > 1) && isNaN(x) === isNaN(before[i]!))) return;
       this.drawn[k] = now;
@@ -150,18 +150,18 @@ export class Shapes {
     this.stage.touchMoving();
   }
 
-  /** Where each body's middle is on the canvas [CSS px], for tests. */
+  /** Centre of each body on the canvas [CSS px], for tests. */
   get spots(): { x: number; y: number }[] {
     return this.group.children.map((mesh) => this.stage.project(mesh.getWorldPosition(new Vector3())));
   }
 
-  /** Where each body is in the picture [m], for tests; null where it is not drawn. */
+  /** Drawn position of each body [m], for tests; null: not drawn. */
   get places(): (number[] | null)[] {
     return this.group.children.map((mesh) => (mesh.visible ? mesh.position.toArray().map((x) => x / this.unit) : null));
   }
 }
 
-/** The body about its own origin; capsules and cylinders along z. */
+/** Geometry of a body about its origin; capsules and cylinders along z. */
 function geometry({ kind, size, points, corners }: Shape, unit: number): BufferGeometry {
   const [a, b, c] = size.map((x) => x * unit) as [number, number, number];
   switch (kind) {

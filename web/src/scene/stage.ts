@@ -1,5 +1,5 @@
-// The drawing surface: camera, light, and a renderer that draws only what changed. Where drawing is slow, what stands
-// still is drawn once and kept under the canvas, and a small canvas over it redraws only the moving parts.
+// Camera, lights and renderer, which draws only after changes. Where drawing is slow, the static part of the scene is
+// cached in a backdrop below the canvas, and a small canvas over it redraws only the moving part.
 
 import {
   Color,
@@ -13,20 +13,20 @@ import {
 } from "three";
 import { css, onThemeChange } from "../theme";
 import { Backdrop } from "./backdrop";
-import { DETAIL, type Level } from "./detail";
+import { DETAIL, type DetailLevel } from "./detail";
 import { Patch } from "./patch";
-import type { Screen } from "./sketch";
+import type { Screen } from "./software_renderer";
 
-/** From `from` [mm] in the unit direction `along`. */
+/** Ray from `from` [mm] in the unit direction `along`. */
 export interface Ray {
   from: Vector3;
   along: Vector3;
 }
 
-const STILL = 0;
-const MOVING = 1; // the layers of what stands still and of what moves
-const SETTLE = 150; // ms without a change after which what stands still is worth keeping
-const FADED = 3000; // ms between two looks at what changes slowly while the rest moves
+const STATIC_LAYER = 0;
+const MOVING_LAYER = 1;
+const SETTLING_TIME_MS = 150; // without a change of the static part, before it is cached
+const SLOW_REDRAW_INTERVAL_MS = 3000; // of slow changes in the static part
 
 export class Stage {
   readonly scene = new Scene();
@@ -41,138 +41,138 @@ export class Stage {
   private screen: Screen | null = null;
   private dirty = true;
   private ratio = 0;
-  /** when something that stands still changed last, and when it was drawn last [ms] */
-  private changed = 0;
-  private stirred = true;
-  private faded = false;
-  private kept = 0;
+  /** times of the last change and of the last drawing of the static part [ms] */
+  private staticChangedAt = 0;
+  private staticChanged = true;
+  private slowlyChanged = false;
+  private staticDrawnAt = 0;
   private size = { width: 1, height: 1 };
-  private middle: { x: number; y: number } | null = null;
+  private opticalCentre: { x: number; y: number } | null = null;
 
   constructor(
     readonly canvas: HTMLCanvasElement,
-    best: Level,
+    best: DetailLevel,
   ) {
-    // Without a graphics processor smooth edges cost four times the picture: quick comes first.
+    // Without a GPU, antialiasing makes drawing four times slower.
     this.renderer = new WebGLRenderer({ canvas, antialias: best === "full", alpha: true });
     this.backdrop = new Backdrop(canvas);
     this.patch = new Patch(canvas, this.sky, this.sun);
     this.sky.layers.enableAll();
     this.sun.layers.enableAll();
-    this.camera.layers.enable(MOVING);
+    this.camera.layers.enable(MOVING_LAYER);
     this.camera.up.set(0, 0, 1);
     this.sun.position.set(-60, -80, 160);
     this.scene.add(this.sky, this.sun);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement!);
-    onThemeChange(() => this.dress());
-    this.dress();
+    onThemeChange(() => this.applyTheme());
+    this.applyTheme();
     this.level = best;
   }
 
-  /** `objects` move over what stands still, which may then be drawn once and kept; `screen` dims them behind it. */
-  moves(objects: Object3D[], screen: Screen): void {
+  /** Declare `objects` as the moving part, so that the rest can be cached; `screen` dims them behind it. */
+  setMoving(objects: Object3D[], screen: Screen): void {
     this.moving = objects;
     this.screen = screen;
-    for (const object of objects) object.traverse((part) => part.layers.set(MOVING));
+    for (const object of objects) object.traverse((part) => part.layers.set(MOVING_LAYER));
   }
 
-  /** `object` moves, too, with whatever it holds now. */
-  join(object: Object3D): void {
+  /** Add `object` with its present children to the moving part. */
+  addMoving(object: Object3D): void {
     if (!this.moving.length) return;
     if (!this.moving.includes(object)) this.moving.push(object);
-    object.traverse((part) => part.layers.set(MOVING));
+    object.traverse((part) => part.layers.set(MOVING_LAYER));
   }
 
-  /** How much to draw. */
-  set level(level: Level) {
+  /** Set the level of detail. */
+  set level(level: DetailLevel) {
     this.detail = DETAIL[level];
     this.resize();
   }
 
-  /** Something changed that mostly stands still: draw all of it at the next frame. */
+  /** Redraw the whole scene in the next frame. */
   touch(): void {
     this.dirty = true;
-    this.stirred = true;
-    this.backdrop.drop();
+    this.staticChanged = true;
+    this.backdrop.invalidate();
   }
 
-  /** Only what moves did: draw it at the next frame. */
+  /** Redraw the moving part in the next frame. */
   touchMoving(): void {
     this.dirty = true;
   }
 
-  /** What stands still changed a little: it can wait for seconds, or until the rest has stopped. */
-  fade(): void {
-    this.faded = true;
+  /** Redraw a slow change of the static part within seconds. */
+  touchSlowly(): void {
+    this.slowlyChanged = true;
   }
 
-  /** Draw if needed; true if it did. */
+  /** Draw if needed; returns whether it did. */
   draw(now: number): boolean {
-    if (this.stirred) this.changed = now;
-    this.stirred = false;
-    if (this.faded && now - this.kept > FADED) {
-      this.faded = false;
+    if (this.staticChanged) this.staticChangedAt = now;
+    this.staticChanged = false;
+    if (this.slowlyChanged && now - this.staticDrawnAt > SLOW_REDRAW_INTERVAL_MS) {
+      this.slowlyChanged = false;
       this.dirty = true;
-      this.backdrop.holds = false;
+      this.backdrop.valid = false;
     }
     if (!this.dirty) return false;
     this.dirty = false;
-    const layered = this.detail.layered && this.moving.length > 0 && now - this.changed >= SETTLE;
+    const layered = this.detail.layered && this.moving.length > 0 && now - this.staticChangedAt >= SETTLING_TIME_MS;
     if (layered) this.drawLayers(now);
     else this.drawWhole(now);
     return true;
   }
 
-  /** How often what stands still was drawn to be kept. */
-  get kepts(): number {
-    return this.backdrop.made;
+  /** Number of captures of the backdrop, for tests. */
+  get captures(): number {
+    return this.backdrop.captures;
   }
 
   private drawWhole(now: number): void {
-    this.backdrop.drop();
+    this.backdrop.invalidate();
     this.patch.hide();
     this.canvas.classList.remove("empty");
-    this.sharpen(this.detail.whole);
-    this.camera.layers.enable(STILL);
-    this.camera.layers.enable(MOVING);
+    this.setResolution(this.detail.whole);
+    this.camera.layers.enable(STATIC_LAYER);
+    this.camera.layers.enable(MOVING_LAYER);
     this.renderer.render(this.scene, this.camera);
-    this.kept = now;
-    this.faded = false;
+    this.staticDrawnAt = now;
+    this.slowlyChanged = false;
   }
 
   private drawLayers(now: number): void {
-    if (!this.backdrop.holds) {
-      this.sharpen(this.detail.kept);
-      this.camera.layers.set(STILL);
+    if (!this.backdrop.valid) {
+      this.setResolution(this.detail.backdrop);
+      this.camera.layers.set(STATIC_LAYER);
       this.renderer.render(this.scene, this.camera);
-      this.backdrop.take(this.canvas);
+      this.backdrop.capture(this.canvas);
       this.renderer.clear();
       this.canvas.classList.add("empty");
-      this.kept = now;
+      this.staticDrawnAt = now;
     }
     this.patch.draw(this.moving, this.camera, this.size, this.detail.moving, this.screen);
   }
 
-  /** Where a point in space is on the canvas [CSS px]. */
+  /** Project a point to the canvas [CSS px]. */
   project(point: Vector3): { x: number; y: number } {
     const p = point.clone().project(this.camera);
     return { x: ((p.x + 1) / 2) * this.size.width, y: ((1 - p.y) / 2) * this.size.height };
   }
 
-  /** From the camera through a place on the canvas: origin and unit direction. */
+  /** Ray from the camera through a position on the canvas [CSS px]. */
   ray(x: number, y: number): Ray {
     const far = new Vector3((x / this.size.width) * 2 - 1, 1 - (y / this.size.height) * 2, 0.5);
     far.unproject(this.camera);
     return { from: this.camera.position.clone(), along: far.sub(this.camera.position).normalize() };
   }
 
-  /** Where on the canvas the camera's axis is [CSS px]; null: in its middle. */
+  /** Set the position of the optical axis on the canvas [CSS px]; null: its centre. */
   set centre(centre: { x: number; y: number } | null) {
-    this.middle = centre;
+    this.opticalCentre = centre;
     this.resize();
   }
 
-  /** From how far a ball of `radius` is seen within `pixels` of its middle. */
+  /** Camera distance at which a sphere of `radius` has a radius of `pixels` on the canvas. */
   fit(radius: number, pixels: number): number {
     const angle = Math.atan((2 * pixels * Math.tan((this.camera.fov * Math.PI) / 360)) / this.size.height);
     return radius / Math.sin(angle);
@@ -183,9 +183,9 @@ export class Stage {
     return this.size.height / (2 * distance * Math.tan((this.camera.fov * Math.PI) / 360));
   }
 
-  /** Draw with at most `sharpness` device pixels per CSS pixel. */
-  private sharpen(sharpness: number): void {
-    const ratio = Math.min(devicePixelRatio, sharpness);
+  /** Draw with at most `resolution` device pixels per CSS pixel. */
+  private setResolution(resolution: number): void {
+    const ratio = Math.min(devicePixelRatio, resolution);
     if (ratio === this.ratio) return;
     this.ratio = ratio;
     this.renderer.setPixelRatio(ratio);
@@ -197,13 +197,13 @@ export class Stage {
     const { width, height } = this.size;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    if (this.middle) this.camera.setViewOffset(width, height, width / 2 - this.middle.x, height / 2 - this.middle.y, width, height);
+    if (this.opticalCentre) this.camera.setViewOffset(width, height, width / 2 - this.opticalCentre.x, height / 2 - this.opticalCentre.y, width, height);
     else this.camera.clearViewOffset();
     this.camera.updateProjectionMatrix();
     this.touch();
   }
 
-  private dress(): void {
+  private applyTheme(): void {
     this.sky.groundColor = new Color(css("--ground"));
     this.touch();
   }

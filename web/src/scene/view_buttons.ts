@@ -1,8 +1,8 @@
-// The buttons below a picture that turn it, come nearer and bring it back.
+// Buttons that rotate, zoom and reset the view.
 
 import type { Orbit } from "./orbit";
 
-/** Let every `[data-view]` button of the page turn `orbit`. */
+/** Connect every `[data-view]` button of the page to `orbit`. */
 export function listenToViewButtons(orbit: Orbit): void {
   const views: Record<string, () => void> = {
     left: () => orbit.turn(-15, 0),

@@ -1,6 +1,7 @@
-// Force as the rumble of a gamepad. Still until switched on.
+// Force as gamepad rumble; off by default.
 
-const PULSE = 80; // ms
+const PULSE_INTERVAL_MS = 80;
+const MIN_FORCE_FRACTION = 0.02; // no rumble below
 
 export class Rumble {
   on = false;
@@ -11,14 +12,14 @@ export class Rumble {
     return this.on;
   }
 
-  /** `share` of the greatest force, 0…1. */
+  /** `share`: force relative to its limit, 0…1. */
   play(share: number, now: number): void {
-    if (!this.on || now - this.last < PULSE || !(share > 0.02)) return;
+    if (!this.on || now - this.last < PULSE_INTERVAL_MS || !(share > MIN_FORCE_FRACTION)) return;
     this.last = now;
     const s = Math.min(1, share);
     for (const pad of navigator.getGamepads()) {
       void pad?.vibrationActuator
-        ?.playEffect("dual-rumble", { duration: 1.5 * PULSE, strongMagnitude: s, weakMagnitude: 0.5 * s })
+        ?.playEffect("dual-rumble", { duration: 1.5 * PULSE_INTERVAL_MS, strongMagnitude: s, weakMagnitude: 0.5 * s })
         .catch(() => undefined);
     }
   }

@@ -1,4 +1,4 @@
-// Force as sound: pitch and loudness follow its magnitude, the side its direction. Silent until switched on.
+// Force as sound: pitch and loudness follow the magnitude, stereo position the direction; off by default.
 
 export class Sound {
   private context: AudioContext | null = null;
@@ -14,7 +14,7 @@ export class Sound {
     return this.on;
   }
 
-  /** `share` of the greatest force, 0…1; `pan` −1 (left) … 1. */
+  /** `share`: force relative to its limit, 0…1; `pan`: −1 (left) to 1 (right). */
   play(share: number, pan: number): void {
     if (!this.on || !this.context) return;
     const s = Number.isFinite(share) ? Math.min(1, Math.max(0, share)) : 0;

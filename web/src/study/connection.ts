@@ -1,20 +1,22 @@
-// The connection to the study's server: what it says, and that it is there. It comes back by itself.
+// WebSocket connection to the study's server, with its messages and automatic reconnection.
 
 import { socketAddress } from "../address";
 
-export interface Place {
+/** Position on the dome [deg]: `theta` from the top, `phi` about it. */
+export interface SetPoint {
   number: number;
   theta: number;
   phi: number;
 }
 
-export interface About {
+/** Description of the study. */
+export interface StudyDescription {
   study: string;
   procedure: string;
   instructions: string;
   consent: string;
   simulated: boolean;
-  places: Place[];
+  places: SetPoint[];
   limit: number;
   mask: { noise: "pink" | "white"; volume_db: number } | null;
   database?: string;
@@ -29,7 +31,7 @@ export interface Task {
   numbers: number[];
   low?: number;
   high?: number;
-  decimal?: boolean; // any number above low, not only a whole one
+  decimal?: boolean; // any number above `low`, not only integers
 }
 
 export interface Question {
@@ -40,17 +42,18 @@ export interface Question {
   high: number | null;
 }
 
+/** State of the session as a page sees it. */
 export interface View {
   state: string;
   session: number;
   task: Task | null;
   question: Question | null;
-  /** who stopped; empty: nobody did, or somebody has resumed since */
+  /** who stopped the session; empty: not stopped */
   stopped: string;
-  /** the coils are commanded off, and the device has not confirmed it */
+  /** the coils are commanded off, but the device has not confirmed it */
   unconfirmed: boolean;
   resumed?: boolean;
-  /** answers that are stored of a session that has ended */
+  /** number of stored answers of a session that has ended */
   stored?: number;
   watching?: boolean;
   trial?: number;
@@ -59,13 +62,13 @@ export interface View {
   left?: number;
   off?: boolean;
   steered?: boolean;
-  /** how often this trial was restarted */
+  /** number of restarts of this trial */
   repeats?: number;
   which?: number;
   practice?: boolean;
 }
 
-/** Where the tool is [deg from the top, seen from above] and the force on it [N]. */
+/** Position of the tool seen from above [deg from the top], and the force on it [N]. */
 export interface Pen {
   x: number;
   y: number;
@@ -76,17 +79,18 @@ export interface Pen {
 }
 
 export interface Handlers<V extends View> {
-  about(about: About): void;
+  about(about: StudyDescription): void;
   view(view: V): void;
   pen(pen: Pen | null): void;
   showMistake(text: string): void;
-  /** where recorded trials are played, by their part of the recording; empty while a viewer starts */
+  /** viewer addresses by part of the recording; empty string while a viewer starts */
   viewers?(urls: Record<string, string>): void;
-  /** nothing that is shown may be taken for live any more */
+  /** the connection was lost, or refused for the reason `refused`: nothing shown is live */
   onClose(refused: string): void;
 }
 
-const AGAIN = 1000; // ms
+const RECONNECT_INTERVAL_MS = 1000;
+const CLOSE_CODE_REFUSED = 1008; // WebSocket policy violation
 
 export class Connection<V extends View> {
   private socket: WebSocket | null = null;
@@ -99,7 +103,7 @@ export class Connection<V extends View> {
     this.open();
   }
 
-  /** Whether it was sent: without a connection nobody handlers it. */
+  /** Send a command; returns false without a connection, because then it is lost. */
   send(command: Record<string, unknown>): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(command));
@@ -114,21 +118,21 @@ export class Connection<V extends View> {
     };
     socket.onmessage = (message: MessageEvent<string>) => {
       const line = JSON.parse(message.data) as { event: string; is?: unknown; text?: string };
-      if (line.event === "about") this.handlers.about(line as unknown as About);
+      if (line.event === "about") this.handlers.about(line as unknown as StudyDescription);
       else if (line.event === "view") this.handlers.view(line.is as V);
       else if (line.event === "pen") this.handlers.pen(line.is as Pen | null);
       else if (line.event === "viewers") this.handlers.viewers?.(line.is as Record<string, string>);
       else if (line.event === "mistake") this.handlers.showMistake(line.text ?? "");
     };
     socket.onclose = (end) => {
-      this.handlers.onClose(end.code === 1008 ? end.reason : "");
-      if (end.code !== 1008) setTimeout(() => this.open(), AGAIN);
+      this.handlers.onClose(end.code === CLOSE_CODE_REFUSED ? end.reason : "");
+      if (end.code !== CLOSE_CODE_REFUSED) setTimeout(() => this.open(), RECONNECT_INTERVAL_MS);
     };
   }
 }
 
-/** What to do when a Stop could not be sent, or was not confirmed. */
-export const BY_HAND = "Let go of the tool and switch off the device's power.";
+/** Instruction for a stop that could not be sent, or was not confirmed. */
+export const POWER_OFF_INSTRUCTION = "Let go of the tool and switch off the device's power.";
 
 export function element<E extends HTMLElement>(id: string): E {
   const found = document.getElementById(id);
@@ -136,12 +140,12 @@ export function element<E extends HTMLElement>(id: string): E {
   return found as E;
 }
 
-/** Set text only where it changed: screen readers and selections are left in peace. */
-export function say(id: string, text: string): void {
+/** Set text only if it changed, so that screen readers do not repeat it and selections stay. */
+export function setText(id: string, text: string): void {
   const place = element(id);
   if (place.textContent !== text) place.textContent = text;
 }
 
-export function show(id: string, shown: boolean): void {
+export function setVisible(id: string, shown: boolean): void {
   element(id).hidden = !shown;
 }

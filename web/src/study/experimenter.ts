@@ -1,7 +1,7 @@
-// The experimenter's page: where the session stands, what is asked and answered, what the device did, and the levers.
+// Experimenter's page: state of the session, prompts and answers, safety events, and controls.
 
-import { BY_HAND, element, Connection, say, show, type About, type Pen, type View } from "./connection";
-import { draw, describeForce } from "./plan";
+import { POWER_OFF_INSTRUCTION, element, Connection, setText, setVisible, type StudyDescription, type Pen, type View } from "./connection";
+import { drawPlan, describeForce } from "./plan";
 
 interface Trip {
   t: number;
@@ -25,28 +25,28 @@ interface Row extends Prompt {
   seconds: number;
   safety: string[];
   repeats: number;
-  /** the part of the session's recording that is this trial */
+  /** part of the session's recording that contains this trial */
   recording: string | null;
 }
 
-interface Everything extends View {
+interface ExperimenterView extends View {
   trouble: string;
   pages: number;
   draft: number | null;
   code: string;
-  /** codes of people in this study's database */
+  /** participant codes in the study's database */
   taken: { code: string; state: string; answered: number }[];
-  /** a code that is free; empty: not known */
+  /** an unused code; empty: unknown */
   free: string;
   log: Row[];
   seconds?: number;
   trips?: Trip[];
-  /** what interrupted the session, oldest first */
+  /** interruptions of the session, oldest first */
   incidents: { kind: string; trial: number; at: string; text: string }[];
   prompt?: Prompt;
 }
 
-const WORDS: Record<string, [string, string]> = {
+const STATES: Record<string, [string, string]> = {
   connecting: ["connecting", "off"],
   waiting: ["waiting for a participant", "off"],
   starting: ["device is starting", "warn"],
@@ -64,28 +64,28 @@ const WORDS: Record<string, [string, string]> = {
   declined: ["no consent, not begun", "off"],
   failed: ["ended by a failure; can be continued", "bad"],
 };
-const SURE = 6000; // ms in which aborting must be confirmed
+const CONFIRM_TIMEOUT_MS = 6000; // of aborting
 
-let about: About | null = null;
-let view: Everything | null = null;
+let about: StudyDescription | null = null;
+let view: ExperimenterView | null = null;
 let pen: Pen | null = null;
 let rows = "";
 let viewers: Record<string, string> = {};
-/** tabs that wait for the address of a viewer, by the part that it plays */
+/** browser tabs that wait for a viewer, by part of the recording */
 const tabs = new Map<string, Window | null>();
 const pad = element<HTMLCanvasElement>("pad");
 const code = element<HTMLInputElement>("code");
 
-const connection = new Connection<Everything>(
+const connection = new Connection<ExperimenterView>(
   "ws/experimenter",
   {
     about(facts) {
       about = facts;
       document.title = `${facts.study}: experimenter`;
-      say("study", facts.study);
-      show("simulated", facts.simulated);
-      show("pilot", facts.pilot === true);
-      say("facts-below", `answers: ${facts.database ?? ""} · ${facts.forecast ?? ""}`);
+      setText("study", facts.study);
+      setVisible("simulated", facts.simulated);
+      setVisible("pilot", facts.pilot === true);
+      setText("facts-below", `answers: ${facts.database ?? ""} · ${facts.forecast ?? ""}`);
       if (!code.value && facts.code) code.value = facts.code;
     },
     view(next) {
@@ -109,15 +109,15 @@ const connection = new Connection<Everything>(
     onClose(refused) {
       view = null;
       pen = null;
-      say("state-word", refused || "no connection");
+      setText("state-word", refused || "no connection");
       element("state").dataset["tone"] = "bad";
-      show("session-panel", false);
-      show("begin-panel", false);
-      show("alert", true);
-      say("alert-word", refused ? "Access refused" : "No connection");
-      say("alert-text", refused || `The study's program does not answer, and STOP does not work on this page now. If the device still pushes: ${BY_HAND.toLowerCase()} This page comes back by itself.`);
-      show("engage", false);
-      show("resume", false);
+      setVisible("session-panel", false);
+      setVisible("begin-panel", false);
+      setVisible("alert", true);
+      setText("alert-word", refused ? "Access refused" : "No connection");
+      setText("alert-text", refused || `The study's program does not respond, and STOP does not work on this page now. If the device still pushes: ${POWER_OFF_INSTRUCTION.toLowerCase()} This page reconnects by itself.`);
+      setVisible("engage", false);
+      setVisible("resume", false);
       element<HTMLButtonElement>("stop").disabled = true;
       paint();
     },
@@ -130,10 +130,10 @@ function showMistake(text: string): void {
     for (const tab of tabs.values()) tab?.close();
     tabs.clear();
   }
-  show("mistake", text !== "");
-  say("mistake", text);
+  setVisible("mistake", text !== "");
+  setText("mistake", text);
   element("last").classList.toggle("mistake", text !== "" && element("session-panel").hidden !== false);
-  if (element("session-panel").hidden) say("last", text);
+  if (element("session-panel").hidden) setText("last", text);
 }
 
 function describePrompt(prompt: Prompt): string {
@@ -150,26 +150,26 @@ function render(): void {
   if (!view) return;
   const running = view.code !== "";
   const unsure = view.unconfirmed && (view.stopped !== "" || view.off === true);
-  const [word, tone] = unsure ? ["coil state unknown", "bad"] : view.stopped && view.state === "starting" ? ["starting, stays off", "bad"] : (WORDS[view.state] ?? [view.state, "off"]);
-  say("state-word", word);
+  const [word, tone] = unsure ? ["coil state unknown", "bad"] : view.stopped && view.state === "starting" ? ["starting, stays off", "bad"] : (STATES[view.state] ?? [view.state, "off"]);
+  setText("state-word", word);
   element("state").dataset["tone"] = tone;
-  show("begin-panel", !running);
-  show("session-panel", running);
+  setVisible("begin-panel", !running);
+  setVisible("session-panel", running);
   const inTrial = view.state === "running" || view.state === "time is up";
   element<HTMLButtonElement>("stop").disabled = false;
-  show("repeat", inTrial);
-  show("skip", view.state === "break");
+  setVisible("repeat", inTrial);
+  setVisible("skip", view.state === "break");
   const total = view.total ?? 0;
   const bar = element<HTMLProgressElement>("progress");
   bar.max = Math.max(total, 1);
   bar.value = view.done ?? 0;
-  say("progress-word", total ? `${view.done ?? 0} of ${about?.procedure === "staircase" ? "at most " : ""}${total} answered` : "");
+  setText("progress-word", total ? `${view.done ?? 0} of ${about?.procedure === "staircase" ? "at most " : ""}${total} answered` : "");
   facts();
   showAlarm();
   if (!running) {
     const ends: Record<string, string> = { done: "The last session is complete.", left: "The last session can be resumed with its code.", aborted: "The last session was aborted; its answers are kept.", declined: "The participant did not agree to take part: no trial was asked." };
     const last = view.trouble || ends[view.state];
-    if (last) say("last", last);
+    if (last) setText("last", last);
     codes();
   }
   incidents();
@@ -177,7 +177,7 @@ function render(): void {
   paint();
 }
 
-/** Which codes are taken, which of them continue a session, and one that is free. */
+/** Show which codes are taken, which can be resumed, and an unused one. */
 function codes(): void {
   const { taken, free } = view!;
   const open = taken.filter((one) => one.state === "open");
@@ -188,7 +188,7 @@ function codes(): void {
   ];
   const text = sentences.filter(Boolean).join(" ");
   if (element("taken").textContent === text) return;
-  say("taken", text);
+  setText("taken", text);
   code.placeholder = free || "P01";
   element("open-codes").replaceChildren(
     ...[free, ...open.map((one) => one.code)].filter(Boolean).map((value) => {
@@ -205,7 +205,7 @@ function facts(): void {
     ["participant", `${v.code}${v.resumed ? " (resumed)" : ""}`],
     ["participant's page", v.pages ? (v.pages > 1 ? `${v.pages} are open: close all but one` : "open") : "not open"],
   ];
-  if (v.prompt) facts.push(["asked", describePrompt(v.prompt)]);
+  if (v.prompt) facts.push(["prompt", describePrompt(v.prompt)]);
   if (v.prompt && v.which && v.prompt.interval) facts.push(["rendered now", `interval ${v.which}`]);
   if (v.state === "running" || v.state === "time is up") {
     facts.push(["answer so far", v.draft === null ? "–" : `${v.draft} (not confirmed)`]);
@@ -229,33 +229,33 @@ function facts(): void {
   );
 }
 
-/** What needs the experimenter: a Stop, a device that is off, a session that ended by itself. */
+/** Show what requires action: a stop, a device that is off, a failed session. */
 function showAlarm(): void {
   const v = view!;
   const last = v.trips?.[v.trips.length - 1];
   const stopped = v.stopped !== "" && v.code !== "";
-  const off = v.off === true && !stopped; // also in a rest: the next trial would wait for it
-  show("alert", stopped || off || v.state === "failed");
-  show("engage", off);
-  show("resume", stopped && v.state === "paused");
+  const off = v.off === true && !stopped; // also in a break, because the next trial would wait for the device
+  setVisible("alert", stopped || off || v.state === "failed");
+  setVisible("engage", off);
+  setVisible("resume", stopped && v.state === "paused");
   if (stopped) {
-    const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${BY_HAND}` : v.state === "starting" ? "The device stays off after it starts." : "The coils are off.";
-    say("alert-word", v.stopped.startsWith("by ") ? `Stopped ${v.stopped}.` : `Stopped: ${v.stopped}.`);
-    say("alert-text", `${coils} Ask the participant whether to continue; then press Resume, or end the session below.`);
+    const coils = v.unconfirmed ? `The device has not confirmed that its coils are off. ${POWER_OFF_INSTRUCTION}` : v.state === "starting" ? "The device stays off after it starts." : "The coils are off.";
+    setText("alert-word", v.stopped.startsWith("by ") ? `Stopped ${v.stopped}.` : `Stopped: ${v.stopped}.`);
+    setText("alert-text", `${coils} Ask the participant whether to continue; then press Resume, or end the session below.`);
     return;
   }
-  say("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
-  say("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then starts again." : ""));
+  setText("alert-word", v.state === "failed" ? "The session ended." : "The device is off.");
+  setText("alert-text", v.state === "failed" ? v.trouble : (v.unconfirmed ? `It has not confirmed that its coils are off. ${POWER_OFF_INSTRUCTION} ` : "") + (last && last.trial === v.trial ? last.reason : "Switch it on again to continue.") + (v.state === "device off" ? " The trial then starts again." : ""));
 }
 
-/** Stops, repeats, safety events and early ends of this session, the newest first; with reason and time. */
+/** List stops, repeats, safety events and early ends of the session, newest first. */
 function incidents(): void {
   const { incidents, code } = view!;
   const counts = new Map<string, number>();
   for (const one of incidents) counts.set(one.kind, (counts.get(one.kind) ?? 0) + 1);
-  say("safety-title", code || !incidents.length ? "Stops, repeats and safety events" : "Stops, repeats and safety events of the last session");
-  show("safety-count", counts.size > 0);
-  say("safety-count", [...counts].map(([kind, count]) => `${kind}: ${count}`).join(", "));
+  setText("safety-title", code || !incidents.length ? "Stops, repeats and safety events" : "Stops, repeats and safety events of the last session");
+  setVisible("safety-count", counts.size > 0);
+  setText("safety-count", [...counts].map(([kind, count]) => `${kind}: ${count}`).join(", "));
   const key = JSON.stringify(incidents);
   const list = element("safety");
   if (list.dataset["key"] === key) return;
@@ -264,14 +264,14 @@ function incidents(): void {
     ...(incidents.length ? [...incidents].reverse() : [null]).map((one) => {
       const item = document.createElement("li");
       item.className = one ? "" : "nothing";
-      item.textContent = one ? `${clock(one.at)}, trial ${one.trial}: ${one.kind}${one.text ? `, ${one.text}` : ""}` : "none";
+      item.textContent = one ? `${formatTimeOfDay(one.at)}, trial ${one.trial}: ${one.kind}${one.text ? `, ${one.text}` : ""}` : "none";
       return item;
     }),
   );
 }
 
-/** Time of day here, of a time in UTC. */
-function clock(at: string): string {
+/** Format a UTC time as local time of day. */
+function formatTimeOfDay(at: string): string {
   const time = new Date(at);
   return Number.isNaN(time.getTime()) ? at : time.toLocaleTimeString("en-GB");
 }
@@ -298,7 +298,7 @@ function log(): void {
   );
 }
 
-/** The way to the recording of a trial: a button that starts its viewer, then a link to that. */
+/** Cell of a trial's recording: a button that starts a viewer, then a link to it. */
 function makeReplayLink({ trial, recording }: Row): HTMLElement {
   const cell = document.createElement("td");
   if (recording === null) return cell;
@@ -313,7 +313,7 @@ function makeReplayLink({ trial, recording }: Row): HTMLElement {
   button.ariaLabel = `View the recording of trial ${trial + 1}`;
   button.addEventListener("click", () => {
     showMistake("");
-    // Now, while it is the person's own wish: browsers let no page open a tab later.
+    // Open the tab now: browsers allow it only in response to a click, not when the viewer has started.
     if (connection.send({ do: "view", trial })) tabs.set(recording, window.open("", "_blank"));
   });
   cell.append(button);
@@ -323,34 +323,34 @@ function makeReplayLink({ trial, recording }: Row): HTMLElement {
 function paint(): void {
   if (!about) return;
   const prompted = view?.prompt?.set_point;
-  draw(pad, { limit: about.limit, places: about.places, pen, ...(prompted ? { prompted } : {}) });
-  say("felt", view?.code && pen ? describeForce(pen) : "");
+  drawPlan(pad, { limit: about.limit, places: about.places, pen, ...(prompted ? { prompted } : {}) });
+  setText("felt", view?.code && pen ? describeForce(pen) : "");
 }
 
-const levers: Record<string, string> = { resume: "resume", repeat: "repeat", skip: "skip", leave: "leave", engage: "engage" };
-for (const [id, command] of Object.entries(levers)) {
+const commands: Record<string, string> = { resume: "resume", repeat: "repeat", skip: "skip", leave: "leave", engage: "engage" };
+for (const [id, command] of Object.entries(commands)) {
   element(id).addEventListener("click", () => {
     showMistake("");
     connection.send({ do: command });
   });
 }
 function stop(): void {
-  if (!connection.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
+  if (!connection.send({ do: "stop" })) showMistake(`STOP could not be sent. ${POWER_OFF_INSTRUCTION}`);
 }
 element("stop").addEventListener("click", stop);
 element("abort").addEventListener("click", () => {
-  show("abort-sure", true);
+  setVisible("abort-sure", true);
   element("abort-sure").focus();
-  setTimeout(() => show("abort-sure", false), SURE);
+  setTimeout(() => setVisible("abort-sure", false), CONFIRM_TIMEOUT_MS);
 });
 element("abort-sure").addEventListener("click", () => {
-  show("abort-sure", false);
+  setVisible("abort-sure", false);
   connection.send({ do: "abort" });
 });
 element("begin").addEventListener("submit", (event) => {
   event.preventDefault();
   showMistake("");
-  connection.send({ do: "begin", code: code.value }); // as it was typed: the study refuses what is no code
+  connection.send({ do: "begin", code: code.value }); // unchanged: the server rejects an invalid code
 });
 addEventListener("keydown", (event) => {
   if (event.key === "Escape") stop();

@@ -1,6 +1,6 @@
-// Noise on headphones, so that the device cannot be heard. Its effective value is stated, not guessed.
+// Masking noise on headphones against the sound of the device, with a defined RMS level.
 
-const SECONDS = 8; // of noise, repeated: long enough that nobody handlers the repetition
+const LOOP_DURATION_S = 8; // of the noise, long enough that the repetition is not audible
 
 export class MaskingNoise {
   private context: AudioContext | null = null;
@@ -11,7 +11,7 @@ export class MaskingNoise {
     private readonly volume: number,
   ) {}
 
-  /** Must be called from a click or a key: browsers allow sound only then. */
+  /** Start; must be called in a click or key handler, because browsers allow sound only then. */
   start(): void {
     if (this.context) {
       void this.context.resume();
@@ -19,9 +19,9 @@ export class MaskingNoise {
     }
     this.context = new AudioContext();
     const rate = this.context.sampleRate;
-    const buffer = this.context.createBuffer(1, SECONDS * rate, rate);
-    buffer.copyToChannel(noise(this.noise, SECONDS * rate), 0);
-    // 0 dB is the effective value of the loudest sine, 1/√2 of full scale.
+    const buffer = this.context.createBuffer(1, LOOP_DURATION_S * rate, rate);
+    buffer.copyToChannel(noise(this.noise, LOOP_DURATION_S * rate), 0);
+    // 0 dB is the RMS level of a full-scale sine, 1/√2 of full scale.
     this.loudness = new GainNode(this.context, { gain: Math.SQRT1_2 * 10 ** (this.volume / 20) });
     const source = new AudioBufferSourceNode(this.context, { buffer, loop: true });
     source.connect(this.loudness).connect(this.context.destination);
@@ -41,10 +41,10 @@ export class MaskingNoise {
   }
 }
 
-/** `count` samples with the effective value 1. */
+/** Generate `count` samples with an RMS level of 1. */
 export function noise(kind: "pink" | "white", count: number): Float32Array<ArrayBuffer> {
   const samples = new Float32Array(count);
-  // Pink: first-order filters summed (Kellet), which falls by 3 dB per octave from 10 Hz on.
+  // Pink noise: sum of first-order filters (Kellet), −3 dB per octave above 10 Hz.
   const states = new Float64Array(6);
   const poles = [0.99886, 0.99332, 0.969, 0.8665, 0.55, -0.7616];
   const gains = [0.0555179, 0.0750759, 0.153852, 0.3104856, 0.5329522, -0.016898];

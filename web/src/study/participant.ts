@@ -1,29 +1,30 @@
-// The participant's page: what to do, what is felt where nobody can feel it, and one answer that cannot be mistaken.
+// Participant's page: instructions, the simulated pen with its force as text, and entry of one confirmed answer.
 
 import { readDecimal, readWhole } from "../entry";
-import { BY_HAND, element, Connection, say, show, type About, type Pen, type Question, type Task, type View } from "./connection";
+import { POWER_OFF_INSTRUCTION, element, Connection, setText, setVisible, type StudyDescription, type Pen, type Question, type Task, type View } from "./connection";
 import { MaskingNoise } from "./masking_noise";
-import { across, draw, describeForce, under } from "./plan";
+import { drawPlan, describeForce, fromCanvas, toCanvas } from "./plan";
 
-const STEP = 3; // deg that an arrow key moves the pen
-const SOON = 20; // ms between two places of a dragged pen
-const ARROWS: Record<string, [number, number]> = { ArrowUp: [0, STEP], ArrowDown: [0, -STEP], ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0] };
+const KEY_STEP_DEG = 3;
+const MIN_STEER_INTERVAL_MS = 20; // between positions sent during a drag
+const DEFAULT_LIMIT_DEG = 60; // of the workspace, until the server has sent it
+const ARROWS: Record<string, [number, number]> = { ArrowUp: [0, KEY_STEP_DEG], ArrowDown: [0, -KEY_STEP_DEG], ArrowLeft: [-KEY_STEP_DEG, 0], ArrowRight: [KEY_STEP_DEG, 0] };
 
-const ENDS = ["done", "left", "aborted", "declined", "failed"]; // states of a session that is over
+const FINAL_STATES = ["done", "left", "aborted", "declined", "failed"];
 
-let about: About | null = null;
-const NOBODY: View = { state: "connecting", session: 0, task: null, question: null, stopped: "", unconfirmed: false };
+let about: StudyDescription | null = null;
+const NO_CONNECTION: View = { state: "connecting", session: 0, task: null, question: null, stopped: "", unconfirmed: false };
 
-let view: View = NOBODY;
+let view: View = NO_CONNECTION;
 let pen: Pen | null = null;
-let aim: { x: number; y: number } | null = null;
+let handGoal: { x: number; y: number } | null = null;
 let chosen: number | null = null;
 let mask: MaskingNoise | null = null;
-let drawn = ""; // what the answer field shows
-let worded = ""; // what the message shows
-let sent = 0;
-let late = 0; // timer of the last move, if it came too soon after the one before
-let wrong = ""; // shown until the next key
+let answerKey = ""; // identifies the content of the answer field
+let messageKey = ""; // identifies the content of the message
+let sentAt = 0;
+let steerTimer = 0; // of a move that came too soon after the previous one
+let mistake = ""; // shown until the next key
 
 const typed = element<HTMLInputElement>("typed");
 const pad = element<HTMLCanvasElement>("pad");
@@ -33,8 +34,8 @@ const connection = new Connection<View>("ws/participant", {
     about = facts;
     mask ??= facts.mask ? new MaskingNoise(facts.mask.noise, facts.mask.volume_db) : null;
     document.title = facts.study;
-    say("study", facts.study);
-    show("simulated", facts.simulated);
+    setText("study", facts.study);
+    setVisible("simulated", facts.simulated);
   },
   view(next) {
     const other = next.trial !== view.trial || next.state !== view.state;
@@ -48,8 +49,8 @@ const connection = new Connection<View>("ws/participant", {
   },
   showMistake,
   onClose() {
-    view = NOBODY;
-    pen = aim = null;
+    view = NO_CONNECTION;
+    pen = handGoal = null;
     mask?.stop();
     render();
   },
@@ -60,23 +61,23 @@ function inTrial(): boolean {
 }
 
 function showMistake(text: string): void {
-  wrong = text;
-  show("mistake", text !== "");
-  say("mistake", text);
+  mistake = text;
+  setVisible("mistake", text !== "");
+  setText("mistake", text);
   if (text !== "") document.getElementById("mistake")?.scrollIntoView({ block: "nearest" });
 }
 
 function render(): void {
   const trial = inTrial();
-  show("trial", trial);
-  show("message", !trial);
-  show("stop", view.state !== "connecting");
+  setVisible("trial", trial);
+  setVisible("message", !trial);
+  setVisible("stop", view.state !== "connecting");
   document.body.classList.toggle("stopped", view.stopped !== "");
   const total = view.total ?? 0;
-  show("progress", total > 0);
+  setVisible("progress", total > 0);
   element<HTMLProgressElement>("progress").max = Math.max(total, 1);
   element<HTMLProgressElement>("progress").value = view.done ?? 0;
-  say("progress-word", total ? `${view.done ?? 0} of ${adaptive() ? "at most " : ""}${total} answered` : "");
+  setText("progress-word", total ? `${view.done ?? 0} of ${adaptive() ? "at most " : ""}${total} answered` : "");
   if (trial) renderTrial(view.task!);
   else renderMessage();
 }
@@ -86,39 +87,39 @@ function adaptive(): boolean {
 }
 
 function renderTrial(task: Task): void {
-  say("ask", view.state === "time is up" ? "Time is up: please answer now" : task.ask);
-  show("practice", view.practice === true);
-  show("pen", view.steered === true);
+  setText("ask", view.state === "time is up" ? "Time is up: please answer now" : task.ask);
+  setVisible("practice", view.practice === true);
+  setVisible("pen", view.steered === true);
   const key = `${view.session} ${view.trial} ${view.repeats} ${task.kind}`;
-  if (key !== drawn) {
-    drawn = key;
-    worded = "";
+  if (key !== answerKey) {
+    answerKey = key;
+    messageKey = "";
     choose(null);
-    answers(task);
-    say("polite", `${task.ask} Trial ${(view.trial ?? 0) + 1}${view.repeats ? ", from its beginning" : ""}.`);
+    buildAnswers(task);
+    setText("polite", `${task.ask} Trial ${(view.trial ?? 0) + 1}${view.repeats ? ", from its beginning" : ""}.`);
     if (task.kind !== "place") typed.focus();
     else element("sure").focus();
   }
-  intervals(task);
+  updateIntervals(task);
   const keys = [task.kind === "place" ? "Enter answers" : "type the number, Enter answers", "Space stops"];
   if (view.steered) keys.unshift("arrow keys move the pen", "F reads out the force");
   if (task.kind === "compare") keys.unshift("O switches to the other one");
-  say("keys", keys.join(" · "));
+  setText("keys", keys.join(" · "));
   paint();
 }
 
-/** Buttons for what may be answered; typing the number does the same. */
-function answers(task: Task): void {
+/** Show buttons and text field for the answer. */
+function buildAnswers(task: Task): void {
   const field = element("answers");
   field.replaceChildren();
   field.className = task.kind;
-  show("confirm", true);
-  show("typed", task.kind !== "place");
-  show("typed-label", task.kind !== "place");
+  setVisible("confirm", true);
+  setVisible("typed", task.kind !== "place");
+  setVisible("typed-label", task.kind !== "place");
   typed.value = "";
   typed.inputMode = task.decimal ? "decimal" : "numeric";
   typed.className = task.decimal || (task.high ?? 0) >= 1000 ? "long" : "";
-  say("typed-label", task.decimal ? `Number above ${task.low ?? 0}` : "Number");
+  setText("typed-label", task.decimal ? `Number above ${task.low ?? 0}` : "Number");
   for (const number of task.numbers) {
     const button = document.createElement("button");
     button.type = "button";
@@ -127,7 +128,7 @@ function answers(task: Task): void {
     button.setAttribute("aria-pressed", "false");
     const place = task.kind === "number" ? about?.places.find((p) => p.number === number) : undefined;
     if (place && about) {
-      const [x, y] = across(place.theta, place.phi, about.limit);
+      const [x, y] = toCanvas(place.theta, place.phi, about.limit);
       button.style.left = `${50 + 50 * x}%`;
       button.style.top = `${50 + 50 * y}%`;
     }
@@ -139,9 +140,9 @@ function answers(task: Task): void {
   }
 }
 
-function intervals(task: Task): void {
+function updateIntervals(task: Task): void {
   const field = element("intervals");
-  show("intervals", task.kind === "compare");
+  setVisible("intervals", task.kind === "compare");
   if (task.kind !== "compare") return;
   if (!field.childElementCount) {
     for (const which of [1, 2]) {
@@ -155,15 +156,15 @@ function intervals(task: Task): void {
   [...field.children].forEach((button, n) => button.setAttribute("aria-pressed", String(view.which === n + 1)));
 }
 
-/** The answer so far, by button or from what is typed, which stays as it was written. */
-function choose(number: number | null, written = false): void {
+/** Set the answer before confirmation; `isTyped`: from the text field, whose text stays as typed. */
+function choose(number: number | null, isTyped = false): void {
   chosen = number;
-  if (number !== null && !written) typed.value = String(number);
+  if (number !== null && !isTyped) typed.value = String(number);
   for (const button of element("answers").children) {
     button.setAttribute("aria-pressed", String((button as HTMLElement).dataset["number"] === String(number)));
   }
-  say("sure", view.task?.kind === "place" ? "Confirm position" : number === null ? "Answer" : `Answer ${number}`);
-  // Not `disabled`: Enter must be able to say what is wrong with the number.
+  setText("sure", view.task?.kind === "place" ? "Confirm position" : number === null ? "Answer" : `Answer ${number}`);
+  // Not `disabled`, so that Enter still shows what is wrong with the number.
   element("sure").setAttribute("aria-disabled", String(view.task?.kind !== "place" && number === null));
   connection.send({ do: "draft", value: number });
 }
@@ -176,7 +177,7 @@ function isAllowed(number: number): boolean {
   return number >= (task.low ?? 0) && number <= (task.high ?? 0);
 }
 
-/** What may be answered, in words. */
+/** Describe the valid answers. */
 function describeAllowed(): string {
   const { decimal, low, high, numbers } = view.task!;
   if (decimal) return `a number above ${low ?? 0}, up to ${high}, such as 12.5`;
@@ -185,7 +186,7 @@ function describeAllowed(): string {
   return `one of the numbers ${numbers.join(", ")}`;
 }
 
-/** What is typed stays as it is: it is an answer, or none. */
+// Typed text is never corrected: it is a valid answer, or none.
 typed.addEventListener("input", () => {
   const number = view.task?.decimal ? readDecimal(typed.value) : readWhole(typed.value);
   choose(number !== null && isAllowed(number) ? number : null, true);
@@ -205,18 +206,18 @@ element("confirm").addEventListener("submit", (event) => {
 function renderMessage(): void {
   const question = view.question ? view.question.name : "";
   const key = `${view.session} ${view.state} ${question} ${view.watching} ${view.stopped} ${view.unconfirmed} ${view.stored}`;
-  const state = view.stopped && live(view.state) ? "paused" : view.watching ? "watching" : view.state;
-  if (state === "break") say("message-text", `${view.left ?? 0} s. Rest your hand.`);
-  if (key === worded) return;
-  worded = key;
-  drawn = "";
+  const state = view.stopped && hasDevice(view.state) ? "paused" : view.watching ? "watching" : view.state;
+  if (state === "break") setText("message-text", `${view.left ?? 0} s. Rest your hand.`);
+  if (key === messageKey) return;
+  messageKey = key;
+  answerKey = "";
   const buttons = element("message-buttons");
   buttons.replaceChildren();
-  show("mask", mask !== null && state === "consent");
-  say("mask", mask?.state ?? "");
-  say("keys", "");
+  setVisible("mask", mask !== null && state === "consent");
+  setText("mask", mask?.state ?? "");
+  setText("keys", "");
   const [title, text] = describeState(state);
-  say("message-title", title);
+  setText("message-title", title);
   const place = element("message-text");
   place.replaceChildren(...text.split("\n\n").filter(Boolean).map(paragraph));
   if (state === "consent") {
@@ -227,11 +228,11 @@ function renderMessage(): void {
     });
     if (consent) button("I do not agree", "", () => connection.send({ do: "agree", agreed: false }));
   } else if (state === "break") {
-    say("message-text", `${view.left ?? 0} s. Rest your hand.`);
+    setText("message-text", `${view.left ?? 0} s. Rest your hand.`);
     button("Continue now", "sure", () => connection.send({ do: "skip" }));
-  } else if (state === "question" && view.question) ask(view.question);
-  if (ENDS.includes(state)) mask?.stop();
-  say("polite", `${title} ${state === "consent" ? "" : text}`);
+  } else if (state === "question" && view.question) showQuestion(view.question);
+  if (FINAL_STATES.includes(state)) mask?.stop();
+  setText("polite", `${title} ${state === "consent" ? "" : text}`);
   (buttons.querySelector("button, input, textarea") as HTMLElement | null)?.focus();
 
   function button(text: string, kind: string, then: () => void): void {
@@ -244,19 +245,19 @@ function renderMessage(): void {
   }
 }
 
-/** Whether a device runs, or is about to. */
-function live(state: string): boolean {
-  return !ENDS.includes(state) && !["connecting", "waiting"].includes(state);
+/** Whether a device runs or starts in this state. */
+function hasDevice(state: string): boolean {
+  return !FINAL_STATES.includes(state) && !["connecting", "waiting"].includes(state);
 }
 
-/** What is said of a Stop: who gave it, whether the coils are off, and what comes next. */
+/** Describe a stop: who stopped, whether the coils are off, and how to continue. */
 function describeStop(): string {
   const who = view.stopped === "by the participant" ? "You stopped the device." : `The device was stopped${view.stopped ? ` (${view.stopped})` : ""}.`;
-  const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
+  const coils = view.unconfirmed ? `It has not confirmed that its coils are off. ${POWER_OFF_INSTRUCTION}` : view.state === "starting" ? "It stays off after it starts." : "Its coils are off.";
   return `${who} ${coils}\n\nNothing continues by itself. To continue, tell the experimenter: only they can press Resume. You may also end the session.`;
 }
 
-/** What is kept of a session that is over. */
+/** Describe what is stored of an ended session. */
 function describeStored(): string {
   if (view.stored === 0) return "No answer was given, and none is stored.";
   return view.stored === 1 ? "Your answer is stored." : "Your answers are stored.";
@@ -265,7 +266,7 @@ function describeStored(): string {
 function describeState(state: string): [string, string] {
   switch (state) {
     case "connecting":
-      return ["No connection", `The study's program does not answer, and STOP on this page does not work now. If you feel a force: ${BY_HAND.toLowerCase()}\n\nThis page comes back by itself.`];
+      return ["No connection", `The study's program does not respond, and STOP on this page does not work now. If you feel a force: ${POWER_OFF_INSTRUCTION.toLowerCase()}\n\nThis page reconnects by itself.`];
     case "waiting":
       return ["Welcome", "Please wait for the experimenter."];
     case "starting":
@@ -277,7 +278,7 @@ function describeState(state: string): [string, string] {
     case "break":
       return ["Break", ""];
     case "device off":
-      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${BY_HAND} ` : ""}When it is on again, this trial starts again: answers do not count while it is off.`];
+      return ["Please wait", `The device is off; the experimenter sees why. ${view.unconfirmed ? `It has not confirmed that its coils are off. ${POWER_OFF_INSTRUCTION} ` : ""}When it is on again, this trial starts again: answers do not count while it is off.`];
     case "paused":
       return ["Stopped", describeStop()];
     case "question":
@@ -304,8 +305,8 @@ function paragraph(text: string): HTMLElement {
   return made;
 }
 
-/** A question in words: a button per choice, a number, or free text. */
-function ask(question: Question): void {
+/** Show a question: a button per choice, a number, or free text. */
+function showQuestion(question: Question): void {
   const place = element("message-buttons");
   const form = document.createElement("form");
   form.className = "question";
@@ -339,21 +340,21 @@ function ask(question: Question): void {
 
 function paint(): void {
   if (!about || !view.steered || !inTrial()) return;
-  draw(pad, { limit: about.limit, places: about.places, aim: aim ?? undefined, pen });
-  say("felt", describeForce(pen));
+  drawPlan(pad, { limit: about.limit, places: about.places, handGoal: handGoal ?? undefined, pen });
+  setText("felt", describeForce(pen));
 }
 
 function steer(x: number, y: number): void {
-  const limit = about?.limit ?? 60;
+  const limit = about?.limit ?? DEFAULT_LIMIT_DEG;
   const far = Math.hypot(x, y);
   const scale = far > limit ? limit / far : 1;
-  aim = { x: x * scale, y: y * scale };
-  connection.send({ do: "steer", ...aim });
+  handGoal = { x: x * scale, y: y * scale };
+  connection.send({ do: "steer", ...handGoal });
   paint();
 }
 
 function stop(): void {
-  if (!connection.send({ do: "stop" })) showMistake(`STOP could not be sent. ${BY_HAND}`);
+  if (!connection.send({ do: "stop" })) showMistake(`STOP could not be sent. ${POWER_OFF_INSTRUCTION}`);
 }
 
 pad.addEventListener("pointerdown", (event) => {
@@ -362,20 +363,20 @@ pad.addEventListener("pointerdown", (event) => {
 });
 pad.addEventListener("pointermove", (event) => {
   if (!pad.hasPointerCapture(event.pointerId)) return;
-  if (event.timeStamp - sent > SOON) drag(event);
+  if (event.timeStamp - sentAt > MIN_STEER_INTERVAL_MS) drag(event);
   else {
-    clearTimeout(late); // the last of many moves counts, also when none comes after it
-    late = window.setTimeout(() => drag(event), SOON);
+    clearTimeout(steerTimer); // the last move must be sent even if no other follows
+    steerTimer = window.setTimeout(() => drag(event), MIN_STEER_INTERVAL_MS);
   }
 });
 pad.addEventListener("pointerup", drag);
 
 function drag(event: PointerEvent): void {
-  clearTimeout(late);
+  clearTimeout(steerTimer);
   if (!about || !inTrial()) return;
-  sent = event.timeStamp;
+  sentAt = event.timeStamp;
   const box = pad.getBoundingClientRect();
-  const { x, y } = under(pad, event.clientX - box.left, event.clientY - box.top, about.limit);
+  const { x, y } = fromCanvas(pad, event.clientX - box.left, event.clientY - box.top, about.limit);
   steer(x, y);
 }
 
@@ -385,8 +386,8 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
   const writing = event.target instanceof HTMLTextAreaElement;
-  if (wrong && !writing && event.key !== "Enter") showMistake("");
-  // Elsewhere the space bar presses the button that has the focus, or writes a space.
+  if (mistake && !writing && event.key !== "Enter") showMistake("");
+  // In other states the space bar keeps its normal function: press a button, type a space.
   const stops = ["starting", "pause", "break", "device off"].includes(view.state);
   if (event.key === "Escape") stop();
   if (!inTrial()) {
@@ -403,15 +404,15 @@ addEventListener("keydown", (event) => {
     stop();
   } else if (arrow && view.steered) {
     event.preventDefault();
-    steer((aim?.x ?? pen?.x ?? 0) + arrow[0], (aim?.y ?? pen?.y ?? 0) + arrow[1]);
+    steer((handGoal?.x ?? pen?.x ?? 0) + arrow[0], (handGoal?.y ?? pen?.y ?? 0) + arrow[1]);
   } else if (event.key.toLowerCase() === "o" && view.task?.kind === "compare") {
     event.preventDefault();
     connection.send({ do: "interval", which: 3 - (view.which ?? 1) });
   } else if (event.key.toLowerCase() === "f" && view.steered && !(event.target === typed && typed.value)) {
     event.preventDefault();
-    say("polite", describeForce(pen));
+    setText("polite", describeForce(pen));
   } else if (event.key.length === 1 && event.target !== typed && view.task?.kind !== "place") {
-    typed.focus(); // the character itself goes there, whichever it is
+    typed.focus(); // which then receives the character
     typed.select();
   }
 });
@@ -424,7 +425,7 @@ declare global {
     study: unknown;
   }
 }
-// For the browser tests, and for whoever looks for a fault: what the page knows.
+// State of the page, for browser tests and debugging.
 window.study = {
   get view() {
     return view;

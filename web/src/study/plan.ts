@@ -1,45 +1,47 @@
-// The dome seen from above, +x to the right: distance from the middle is the angle from the top.
+// Plan view of the dome, +x to the right: distance from the centre is proportional to the angle from the top.
 
-import type { Pen, Place } from "./connection";
+import type { Pen, SetPoint } from "./connection";
 
 export interface Plan {
   limit: number;
-  places: Place[];
-  /** the place that is prompted; only experimenters know it */
+  places: SetPoint[];
+  /** number of the prompted set-point; known to experimenters only */
   prompted?: number;
-  /** where the hand wants the pen, if it is steered from this page */
-  aim?: { x: number; y: number } | undefined;
+  /** hand goal [deg], if the pen is steered from this page */
+  handGoal?: { x: number; y: number } | undefined;
   pen: Pen | null;
 }
 
-const RIM = 0.9; // of half the canvas
+const RIM_RADIUS = 0.9; // relative to half the canvas
 const TAU = 2 * Math.PI;
-const NEWTON = 0.45; // of half the canvas, that an arrow of 1 N is long
+const ARROW_LENGTH_PER_N = 0.45; // relative to half the canvas
+const MAX_ARROW_LENGTH = 0.6;
+const MIN_ARROW_FORCE_N = 0.02;
 
-/** Share of half the drawing's size, right and down, of a place `theta` from the top at `phi` [deg]. */
-export function across(theta: number, phi: number, limit: number): [number, number] {
-  const r = (RIM * theta) / limit;
+/** Canvas position, right and down relative to half its size, of angle `theta` from the top at azimuth `phi` [deg]. */
+export function toCanvas(theta: number, phi: number, limit: number): [number, number] {
+  const r = (RIM_RADIUS * theta) / limit;
   return [r * Math.cos((phi * Math.PI) / 180), -r * Math.sin((phi * Math.PI) / 180)];
 }
 
-/** Angles [deg] under a point of the canvas, in pixels from its left upper corner. */
-export function under(canvas: HTMLCanvasElement, px: number, py: number, limit: number): { x: number; y: number } {
+/** Angles [deg] at a point of the canvas [px from its upper left corner]. */
+export function fromCanvas(canvas: HTMLCanvasElement, px: number, py: number, limit: number): { x: number; y: number } {
   const half = canvas.clientWidth / 2;
-  return { x: ((px - half) / half / RIM) * limit, y: (-(py - half) / half / RIM) * limit };
+  return { x: ((px - half) / half / RIM_RADIUS) * limit, y: (-(py - half) / half / RIM_RADIUS) * limit };
 }
 
-export function draw(canvas: HTMLCanvasElement, plan: Plan): void {
+export function drawPlan(canvas: HTMLCanvasElement, plan: Plan): void {
   const size = canvas.clientWidth;
   if (!size) return;
   const dots = Math.round(size * devicePixelRatio);
   if (canvas.width !== dots) canvas.width = canvas.height = dots;
-  const ink = getComputedStyle(canvas);
-  const colour = (name: string) => ink.getPropertyValue(name).trim();
+  const style = getComputedStyle(canvas);
+  const colour = (name: string) => style.getPropertyValue(name).trim();
   const c = canvas.getContext("2d")!;
   const half = size / 2;
   c.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, half * devicePixelRatio, half * devicePixelRatio);
   c.clearRect(-half, -half, size, size);
-  const rim = RIM * half;
+  const rim = RIM_RADIUS * half;
   const scale = rim / plan.limit;
   c.beginPath();
   c.arc(0, 0, rim, 0, TAU);
@@ -56,7 +58,7 @@ export function draw(canvas: HTMLCanvasElement, plan: Plan): void {
     c.stroke();
   }
   for (const place of plan.places) {
-    const [x, y] = across(place.theta, place.phi, plan.limit);
+    const [x, y] = toCanvas(place.theta, place.phi, plan.limit);
     c.beginPath();
     c.arc(x * half, y * half, 3, 0, TAU);
     c.fillStyle = colour("--base");
@@ -69,9 +71,9 @@ export function draw(canvas: HTMLCanvasElement, plan: Plan): void {
       c.stroke();
     }
   }
-  if (plan.aim) {
+  if (plan.handGoal) {
     c.beginPath();
-    c.arc(plan.aim.x * scale, -plan.aim.y * scale, 13, 0, TAU);
+    c.arc(plan.handGoal.x * scale, -plan.handGoal.y * scale, 13, 0, TAU);
     c.setLineDash([3, 3]);
     c.lineWidth = 1.5;
     c.strokeStyle = colour("--goal");
@@ -81,7 +83,7 @@ export function draw(canvas: HTMLCanvasElement, plan: Plan): void {
   if (plan.pen) {
     const x = plan.pen.x * scale;
     const y = -plan.pen.y * scale;
-    if (plan.pen.fx !== undefined && plan.pen.fy !== undefined) arrow(c, x, y, plan.pen.fx, plan.pen.fy, half, colour("--given"));
+    if (plan.pen.fx !== undefined && plan.pen.fy !== undefined) arrow(c, x, y, plan.pen.fx, plan.pen.fy, half, colour("--delivered"));
     c.beginPath();
     c.arc(x, y, 7, 0, TAU);
     c.fillStyle = colour(plan.pen.off ? "--muted" : "--text");
@@ -94,8 +96,8 @@ export function draw(canvas: HTMLCanvasElement, plan: Plan): void {
 
 function arrow(c: CanvasRenderingContext2D, x: number, y: number, fx: number, fy: number, half: number, colour: string): void {
   const size = Math.hypot(fx, fy);
-  if (size < 0.02) return;
-  const long = Math.min(size * NEWTON, 0.6) * half;
+  if (size < MIN_ARROW_FORCE_N) return;
+  const long = Math.min(size * ARROW_LENGTH_PER_N, MAX_ARROW_LENGTH) * half;
   const [ex, ey] = [x + (fx / size) * long, y - (fy / size) * long];
   const turn = Math.atan2(ey - y, ex - x);
   c.strokeStyle = c.fillStyle = colour;
@@ -109,7 +111,7 @@ function arrow(c: CanvasRenderingContext2D, x: number, y: number, fx: number, fy
   c.fill();
 }
 
-/** Force in words: what nobody can feel of a simulated device. */
+/** Force as text, because the force of a simulated device cannot be felt. */
 export function describeForce(pen: Pen | null): string {
   if (!pen) return "the tool's position is unknown";
   if (pen.off) return "coils off";

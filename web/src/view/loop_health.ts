@@ -1,12 +1,12 @@
-// How the loop kept its time in the five seconds before the row that is shown, from the samples themselves.
+// Loop timing over the five seconds before the shown row, computed from the recorded samples.
 
 import type { History } from "../history";
 import type { Health } from "../panels/header";
 
-const WINDOW = 5; // s, as the console's server has it
+const WINDOW_S = 5; // as in the console's server
 
 export function loopHealth(history: History): Health | null {
-  const [first, last] = history.window(history.newest - WINDOW, history.newest);
+  const [first, last] = history.window(history.newest - WINDOW_S, history.newest);
   const count = last - first;
   if (count < 2) return null;
   const column = (name: string): Float32Array => history.column(history.series.findIndex((one) => one.name === name), first, last);

@@ -1,9 +1,9 @@
-// The whole recording at a glance: least and greatest of each stretch of time, and what happened when.
+// Overview of a whole recording: minimum and maximum per time bin, and marks.
 
 import type { Recorded } from "./played";
 
 export interface Mark {
-  /** after the recording's first tick [s] */
+  /** time after the first tick of the recording [s] */
   t: number;
   kind: "trip" | "world" | "gap";
   text: string;
@@ -15,11 +15,11 @@ export interface Ranges {
 }
 
 export interface Overview {
-  /** share of the recording that was looked at, 0 to 1 */
+  /** fraction of the recording that has been read, 0 to 1 */
   done: number;
   trouble: string;
   bins: number;
-  /** by name, each with its unit */
+  /** ranges with unit, by name of the channel */
   ranges: Map<string, Ranges & { unit: string }>;
   marks: Mark[];
 }
@@ -35,7 +35,7 @@ interface Head {
 
 export type Trips = Record<string, { word: string; text: string }>;
 
-/** What the server knows of it now. */
+/** Fetch the overview as far as the server has computed it. */
 export async function fetchOverview(recording: number, token: string, played: Recorded, trips: Trips): Promise<Overview> {
   const answer = await fetch(`api/overview?recording=${recording}`, { headers: { authorization: `Bearer ${token}` } });
   if (!answer.ok) throw new Error(`the server responded with ${answer.status} to /api/overview`);
@@ -63,5 +63,5 @@ function describe(kind: Mark["kind"], code: number, { changes }: Recorded, trips
   return `trip: ${trips[code] ? reason(trips[code]) : "unknown reason"}`;
 }
 
-/** The first sentence of what happened. */
+/** First sentence of the text on a trip. */
 const reason = ({ text }: { text: string }): string => text.split(/[.:;]\s/)[0]!.replace(/\.$/, "");

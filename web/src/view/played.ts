@@ -1,38 +1,38 @@
-// What the timeline's page and the page of each recording say to each other. They are of one server, in frames.
+// Interface between the timeline's page and the page of each recording, which it shows in an iframe of the same origin.
 
-/** A recording, as the server describes it. */
+/** Description of a recording from the server. */
 export interface Recorded {
   name: string;
   rows: number;
-  /** time of the first tick on the loop's clock, and from it to the last [s] */
+  /** time of the first tick on the loop's clock, and duration [s] */
   start: number;
   seconds: number;
   notices: string[];
-  /** names of the worlds by the number of the change */
+  /** names of the worlds by number of the change */
   changes: Record<string, string>;
 }
 
-/** The page of one recording, as its `window.player`. */
+/** Interface of a recording's page, `window.player`. */
 export interface PlayerHandle {
-  /** Show the recording `t` seconds after its first tick; `speed`: it plays so fast, 0: it rests, NaN: it is scrubbed. */
+  /** Show time `t` [s] after the first tick. `speed`: playback speed; 0: paused or scrubbing. */
   show(t: number, speed: number): void;
-  /** Time of the tick `steps` after the one that is shown [s]. */
+  /** Time of the tick that is `steps` after the shown one [s]. */
   neighbour(steps: number): number;
   help(): void;
-  /** what is shown: time after the first tick [s], tick, how often it was drawn, and whether it is what was asked for */
+  /** shown time after the first tick [s], tick, number of redraws, and whether row and plots are up to date */
   readonly shown: { t: number; tick: number; drawn: number; settled: boolean };
-  /** numbers of the row that is shown, by the name of the column */
+  /** values of a column in the shown row */
   value(name: string): number[];
   readonly status: string;
   readonly samples: number;
-  /** median time per frame for the picture and for the plots [ms], and how much is drawn */
+  /** median time per frame of the 3D view and of the plots [ms], and level of detail */
   readonly costs: { scene: number; plots: number; level: string };
   readonly heap: number;
   shapes(): (number[] | null)[];
   forceAt(direction: [number, number, number]): number;
 }
 
-/** The page with the timeline, as its `window.timeline`. */
+/** Interface of the timeline's page, `window.timeline`. */
 export interface TimelineHandle {
   key(event: KeyboardEvent): boolean;
   readonly time: number;
@@ -51,7 +51,7 @@ declare global {
   }
 }
 
-/** What the keys of the timeline do, for the dialog. */
+/** Keys of the timeline, for the help dialog. */
 export const KEYS = [
   ["Space, K", "play or pause"],
   ["← →", "one tick back or forward"],

@@ -1,17 +1,17 @@
-// One recording in the console's page: the picture, plots and numbers of the row that the timeline asks for.
+// Player of one recording in the console's document: 3D view, plots and readouts of the row that the timeline requests.
 
 import { History } from "../history";
-import { fill, uncover } from "../panels/dialogs";
+import { fillDialogs, placeDialogBelowAlert } from "../panels/dialogs";
 import { at, write } from "../panels/dom";
 import { Header } from "../panels/header";
 import { Legend } from "../panels/legend";
-import { cover, UNKNOWN } from "../panels/lock";
+import { coverPage, MISSING_TOKEN } from "../panels/lock";
 import { ModePanel } from "../panels/modes";
 import { ModelPanel } from "../panels/model";
 import { Plots } from "../panels/plots";
 import { WorldPanel } from "../panels/world";
 import { Sample } from "../sample";
-import type { DeviceScene, Readings } from "../scene/device_scene";
+import type { DeviceScene, ReadoutPanel } from "../scene/device_scene";
 import { requestedLevel, DETAIL, DetailControl } from "../scene/detail";
 import { isDrawnInSoftware } from "../scene/graphics";
 import { Drag } from "../scene/drag";
@@ -19,24 +19,27 @@ import { Orbit } from "../scene/orbit";
 import { sceneOf } from "../scene/scenes";
 import { Shapes } from "../scene/shapes";
 import { Stage } from "../scene/stage";
-import type { Subject } from "../scene/subject";
-import { TargetPane } from "../scene/target_pane";
+import type { DeviceDrawing } from "../scene/device_drawing";
+import { ObjectPane } from "../scene/object_pane";
 import { listenToViewButtons } from "../scene/view_buttons";
-import { UnknownToken, token, type Session, type Shape, type TargetScene, type Values } from "../session";
-import { status, type Silence } from "../status";
+import { UnknownToken, token, type Session, type Shape, type ObjectScene, type Values } from "../session";
+import { status, type LinkState } from "../status";
 import type { ForceMap, Mesh, Rows } from "../wire";
 import { loopHealth } from "./loop_health";
 import { KEYS, type PlayerHandle, type Recorded } from "./played";
 import { hideControls } from "./recorded_page";
-import { BLOCK, RowSource, type Place } from "./row_source";
+import { BLOCK_ROWS, RowSource, type RowLocation } from "./row_source";
 import { WindowRows } from "./window_rows";
 import { socketAddress } from "../address";
 
-const READ = 100; // ms between two readings of the numbers
-const SAY = 4000; // ms between two sentences for those who listen
-const REST = 120; // ms without another wish after which the plots are filled
-const AHEAD = 1.5; // s of playing that are fetched before they are needed
-const WAITS = 700; // ms for a row after which the page says that it waits
+const READOUT_INTERVAL_MS = 100;
+const ANNOUNCE_INTERVAL_MS = 4000; // of the readouts for screen readers
+const SCRUB_SETTLING_MS = 120; // without another request, before the plots are filled
+const PREFETCH_S = 1.5; // of playback
+const MAX_PREFETCH_BLOCKS = 20;
+const LOADING_NOTE_DELAY_MS = 700; // before "reading …" is shown
+const MAX_PLOT_ROWS = 60_000;
+const MAX_TIMINGS = 500; // kept of each kind
 
 type PlayedSession = Session & { played: Recorded };
 
@@ -49,26 +52,26 @@ class Player {
   private readonly stage: Stage;
   private readonly orbit: Orbit;
   private readonly scene: DeviceScene;
-  private readonly subject: Subject;
+  private readonly drawing: DeviceDrawing;
   private readonly header: Header;
   private readonly world: WorldPanel;
-  private readonly readouts: Readings;
+  private readonly readouts: ReadoutPanel;
   private readonly legend: Legend;
   private readonly model: ModelPanel;
   private readonly modes: ModePanel | null = null;
-  private readonly target: TargetPane | null = null;
+  private readonly objectPane: ObjectPane | null = null;
   private readonly shapes: Shapes;
   private readonly plots: Plots;
-  private readonly silence: Silence = { disconnected: true, gone: false, servoEnded: false, stale: false, coils: NaN, missingPose: "", tripProgram: "" };
+  private readonly linkState: LinkState = { disconnected: true, serverEnded: false, servoEnded: false, stale: false, coils: NaN, missingPose: "", tripProgram: "" };
   private readonly costs: { scene: number[]; plots: number[] } = { scene: [], plots: [] };
-  private wish = { t: 0, speed: 0, at: 0 };
+  private requested = { t: 0, speed: 0, at: 0 };
   private shown = { t: 0, tick: NaN, row: -1, drawn: 0 };
-  private place: Place | null = null;
+  private place: RowLocation | null = null;
   private fresh = false;
-  private spoilt = false; // the plots' samples are not those before the row
+  private plotsStale = false; // the plots do not show the samples before the row
   private worldKey = "";
   private readAt = 0;
-  private saidAt = 0;
+  private announcedAt = 0;
   private blockAt = 0;
 
   constructor(
@@ -85,20 +88,20 @@ class Player {
     this.legend = this.scene.colours === "force" ? new Legend() : new Legend(["", ""]);
     this.header = new Header(session, () => undefined);
     this.world = new WorldPanel(session, () => undefined);
-    this.readouts = this.scene.readings(session);
+    this.readouts = this.scene.readouts(session);
     this.model = new ModelPanel(session.models, () => undefined);
     if (session.modes.length) {
       this.modes = new ModePanel(() => undefined);
-      this.target = new TargetPane(session.world.scene, session.world.shapes, this.detailControl.best);
+      this.objectPane = new ObjectPane(session.world.scene, session.world.shapes, this.detailControl.best);
     }
     this.plots = new Plots(this.history, session, this.scene);
-    this.subject = this.scene.subject(this.stage, session);
-    this.shapes = this.target?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
-    if (this.scene.colours === "currents") this.legend.coils(this.subject.range, session.scene.gives);
-    this.legend.arrows(); // a world whose code is not here has no colours, but its force is drawn
+    this.drawing = this.scene.drawing(this.stage, session);
+    this.shapes = this.objectPane?.shapes ?? new Shapes(this.stage, 1000, session.world.shapes, at("arrows"));
+    if (this.scene.colours === "currents") this.legend.coils(this.drawing.range, session.scene.gives);
+    this.legend.arrows(); // a world whose code is missing has no force map, but arrows
     this.legend.device(session.scene);
-    new Drag(this.stage.canvas, this.subject, this.orbit, () => undefined).enabled = false;
-    fill(session, this.scene, [], KEYS);
+    new Drag(this.stage.canvas, this.drawing, this.orbit, () => undefined).enabled = false;
+    fillDialogs(session, this.scene, [], KEYS);
     hideControls(session.played);
     this.freezePanels();
     this.detail();
@@ -107,8 +110,8 @@ class Player {
     this.source = new RowSource(url, token(), session.played.rows, session.played.start, {
       onOpen: () => this.onOpen(),
       onClose: () => this.onClose(),
-      row: (frame, row) => this.take({ frame, index: 0, row }),
-      block: (number) => this.come(number),
+      row: (frame, row) => this.setRow({ frame, index: 0, row }),
+      block: (number) => this.onBlock(number),
       picture: (frame) => this.picture(frame),
       event: (event) => this.event(event),
     });
@@ -116,7 +119,7 @@ class Player {
     requestAnimationFrame((now) => this.frame(now));
   }
 
-  /** What the timeline may ask. */
+  /** Interface for the timeline. */
   get handle(): PlayerHandle {
     const page = this;
     return {
@@ -141,14 +144,14 @@ class Player {
         return (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? NaN;
       },
       shapes: () => page.shapes.places,
-      forceAt: (direction) => page.subject.forceAt(direction).force,
+      forceAt: (direction) => page.drawing.forceAt(direction).force,
     };
   }
 
   private get state() {
-    const now = status(this.sample, this.session, this.silence);
-    if (this.silence.disconnected) {
-      return { ...now, reason: "The viewer's server does not answer; this page comes back by itself when it does. If it has ended, start `haptorb view` again." };
+    const now = status(this.sample, this.session, this.linkState);
+    if (this.linkState.disconnected) {
+      return { ...now, reason: "The viewer's server does not respond; this page reconnects by itself. If the server has ended, start `haptorb view` again." };
     }
     return now.reason ? { ...now, reason: `As recorded: ${now.reason}`, engageable: false } : { ...now, engageable: false };
   }
@@ -158,35 +161,35 @@ class Player {
     return seconds > 0 ? (rows - 1) / seconds : 1000;
   }
 
-  /** Samples that the plots can show before the row. */
-  private get reach(): number {
+  /** Number of samples that the plots show before the row. */
+  private get plotRows(): number {
     const span = Number(at<HTMLSelectElement>("span").value);
-    return Math.min(Math.ceil(span * this.rate) + 2, 60_000);
+    return Math.min(Math.ceil(span * this.rate) + 2, MAX_PLOT_ROWS);
   }
 
   private get settled(): boolean {
-    return this.place !== null && !this.spoilt && this.wishedRow === this.shown.row;
+    return this.place !== null && !this.plotsStale && this.requestedRow === this.shown.row;
   }
 
-  private get wishedRow(): number {
-    return this.source.find(this.wish.t)?.row ?? -1;
+  private get requestedRow(): number {
+    return this.source.find(this.requested.t)?.row ?? -1;
   }
 
   private show(t: number, speed: number): void {
     const { seconds } = this.session.played;
     const clipped = Math.min(Math.max(t, 0), seconds);
-    if (clipped === this.wish.t && speed === this.wish.speed && this.place) return;
-    this.wish = { t: clipped, speed, at: performance.now() };
+    if (clipped === this.requested.t && speed === this.requested.speed && this.place) return;
+    this.requested = { t: clipped, speed, at: performance.now() };
     if (this.plots.paused) this.plots.pause(false);
-    this.look();
+    this.update();
   }
 
-  /** The wished row, if it is here; else it is asked for. */
-  private look(): void {
-    const place = this.source.find(this.wish.t);
-    if (place) this.take(place);
-    else this.source.at(this.wish.t);
-    if (this.wish.speed > 0) this.fetch();
+  /** Show the requested row if it is loaded; otherwise request it. */
+  private update(): void {
+    const place = this.source.find(this.requested.t);
+    if (place) this.setRow(place);
+    else this.source.requestRow(this.requested.t);
+    if (this.requested.speed > 0) this.requestBlocks();
   }
 
   private neighbour(steps: number): number {
@@ -195,39 +198,39 @@ class Player {
     return place.frame.t0 + place.frame.data[place.index * place.frame.width]! - this.session.played.start;
   }
 
-  /** Show this row at the next frame. */
-  private take(place: Place): void {
+  /** Show this row in the next frame. */
+  private setRow(place: RowLocation): void {
     const { frame, index, row } = place;
     this.place = place;
     if (row === this.shown.row && !Number.isNaN(this.shown.tick)) return;
     this.sample.row.set(frame.data.subarray(index * frame.width, (index + 1) * frame.width));
     this.sample.t = frame.t0 + frame.data[index * frame.width]!;
-    this.silence.coils = this.sample.number("coil_state");
+    this.linkState.coils = this.sample.number("coil_state");
     this.shown.t = this.sample.t - this.session.played.start;
     this.shown.tick = frame.tick0 + this.sample.number("tick");
     this.shown.row = row;
     this.fresh = true;
-    this.spoilt = true;
+    this.plotsStale = true;
     this.changeWorld();
   }
 
-  /** Blocks that are needed: what is shown and comes next, then what the plots show. */
-  private fetch(): void {
+  /** Request blocks: first for the shown row and the next ones, then for the plots. */
+  private requestBlocks(): void {
     const { row } = this.shown;
     if (row < 0) return;
-    const now = Math.floor(row / BLOCK);
+    const now = Math.floor(row / BLOCK_ROWS);
     const wanted = [now];
-    const ahead = this.wish.speed > 0 ? Math.ceil((AHEAD * this.wish.speed * this.rate) / BLOCK) : 1;
-    for (let k = 1; k <= Math.min(ahead, 20); k++) wanted.push(now + k);
-    const first = Math.floor(Math.max(0, row - this.reach) / BLOCK);
+    const ahead = this.requested.speed > 0 ? Math.ceil((PREFETCH_S * this.requested.speed * this.rate) / BLOCK_ROWS) : 1;
+    for (let k = 1; k <= Math.min(ahead, MAX_PREFETCH_BLOCKS); k++) wanted.push(now + k);
+    const first = Math.floor(Math.max(0, row - this.plotRows) / BLOCK_ROWS);
     for (let k = now - 1; k >= first; k--) wanted.push(k);
-    this.source.want(wanted);
+    this.source.requestBlocks(wanted);
   }
 
-  private come(number: number): void {
-    this.spoilt = true;
-    // A single row was shown while its block was on its way.
-    if (number === Math.floor(this.shown.row / BLOCK)) this.look();
+  private onBlock(number: number): void {
+    this.plotsStale = true;
+    // The shown row may have been received alone, before its block.
+    if (number === Math.floor(this.shown.row / BLOCK_ROWS)) this.update();
   }
 
   private changeWorld(): void {
@@ -247,10 +250,10 @@ class Player {
         this.world.remark((event["remarks"] ?? []) as string[]);
         this.model.show(event["model"] as string);
         this.shapes.build((event["shapes"] ?? []) as Shape[]);
-        this.target?.build((event["scene"] ?? null) as TargetScene | null);
+        this.objectPane?.build((event["scene"] ?? null) as ObjectScene | null);
         this.freezePanels();
-        // The map of another world must not stand under this one's numbers until its own has come.
-        if (this.scene.colours === "force") this.subject.forget();
+        // Hide the force map of the previous world until that of this one arrives.
+        if (this.scene.colours === "force") this.drawing.forget();
         this.fresh = true;
         break;
       case "unpainted":
@@ -260,14 +263,14 @@ class Player {
   }
 
   private picture(frame: Mesh | ForceMap | Rows): void {
-    if (frame.kind === "mesh") this.subject.shape(frame);
+    if (frame.kind === "mesh") this.drawing.shape(frame);
     else if (frame.kind === "force map") {
-      this.subject.paint(frame);
-      this.legend.scale(this.subject.range);
+      this.drawing.paint(frame);
+      this.legend.scale(this.drawing.range);
     }
   }
 
-  /** Nothing here can be set: a recording is as it is. */
+  /** Disable all settings: a recording cannot be changed. */
   private freezePanels(): void {
     this.world.enable(false);
     this.model.enable(false);
@@ -275,19 +278,19 @@ class Player {
   }
 
   private onOpen(): void {
-    this.silence.disconnected = false;
+    this.linkState.disconnected = false;
     this.worldKey = "";
     this.plots.freeze(false);
     at("view").classList.remove("dead");
-    cover(null);
+    coverPage(null);
     if (this.shown.row >= 0) this.changeWorld();
-    this.look();
+    this.update();
   }
 
-  /** What is here can still be looked at. */
+  /** Rows that are loaded stay available without a connection. */
   private onClose(): void {
-    if (this.silence.disconnected) return;
-    this.silence.disconnected = this.silence.gone = true;
+    if (this.linkState.disconnected) return;
+    this.linkState.disconnected = this.linkState.serverEnded = true;
     at("view").classList.add("dead");
     this.plots.freeze(true);
   }
@@ -303,8 +306,8 @@ class Player {
     const fresh = this.fresh;
     this.fresh = false;
     if (fresh) {
-      this.subject.show(this.sample);
-      this.target?.show(this.sample);
+      this.drawing.show(this.sample);
+      this.objectPane?.show(this.sample);
       this.shapes.show(this.sample);
       this.legend.show(this.sample);
       this.shown.drawn++;
@@ -312,32 +315,32 @@ class Player {
     const begun = performance.now();
     if (this.stage.draw(now)) {
       if (this.detailControl.frame(now)) this.detail();
-      keep(this.costs.scene, performance.now() - begun);
+      pushTiming(this.costs.scene, performance.now() - begun);
     }
-    this.target?.draw(now);
+    this.objectPane?.draw(now);
     this.plot(now);
     this.updateText(now);
   }
 
-  /** The plots follow the row, as far as their samples are here; while it is scrubbed they wait. */
+  /** Update the plots to the shown row, as far as its samples are loaded; not while scrubbing. */
   private plot(now: number): void {
     const begun = performance.now();
-    const rested = begun - this.wish.at > REST;
+    const settled = begun - this.requested.at > SCRUB_SETTLING_MS;
     let changed = false;
-    if (this.place && this.spoilt && (this.wish.speed > 0 || rested)) {
-      changed = this.window.fill(this.place, this.reach);
-      if (this.window.reaches(this.shown.row, this.reach)) this.spoilt = false;
-      else if (begun - this.blockAt > REST) {
+    if (this.place && this.plotsStale && (this.requested.speed > 0 || settled)) {
+      changed = this.window.fill(this.place, this.plotRows);
+      if (this.window.reaches(this.shown.row, this.plotRows)) this.plotsStale = false;
+      else if (begun - this.blockAt > SCRUB_SETTLING_MS) {
         this.blockAt = begun;
-        if (!changed) changed = this.window.renew(this.shown.row, this.reach);
-        this.fetch();
+        if (!changed) changed = this.window.renew(this.shown.row, this.plotRows);
+        this.requestBlocks();
       }
     }
-    if (this.plots.draw(now, changed) && changed) keep(this.costs.plots, performance.now() - begun);
+    if (this.plots.draw(now, changed) && changed) pushTiming(this.costs.plots, performance.now() - begun);
   }
 
   private updateText(now: number): void {
-    if (now - this.readAt < READ) return;
+    if (now - this.readAt < READOUT_INTERVAL_MS) return;
     this.readAt = now;
     this.header.status(this.state, false);
     if (this.shown.row >= 0) {
@@ -345,21 +348,21 @@ class Player {
       this.modes?.show(this.sample);
       this.header.loop(loopHealth(this.history));
     }
-    uncover();
-    const waits = this.shown.row < 0 || (this.place === null && performance.now() - this.wish.at > WAITS);
+    placeDialogBelowAlert();
+    const waits = this.shown.row < 0 || (this.place === null && performance.now() - this.requested.at > LOADING_NOTE_DELAY_MS);
     const note = at("dropped");
     note.hidden = !waits;
     if (waits) write(note, "reading …");
-    if (this.wish.speed > 0 || now - this.saidAt < SAY || this.shown.row < 0) return;
-    this.saidAt = now;
+    if (this.requested.speed > 0 || now - this.announcedAt < ANNOUNCE_INTERVAL_MS || this.shown.row < 0) return;
+    this.announcedAt = now;
     write(at("polite"), [this.readouts.sentence(this.sample), this.modes?.sentence(this.sample) ?? ""].filter(Boolean).join("; "));
   }
 
   private detail(): void {
     const { level } = this.detailControl;
     this.stage.level = level;
-    if (this.target) this.target.level = level;
-    this.plots.every = DETAIL[level].plots;
+    if (this.objectPane) this.objectPane.level = level;
+    this.plots.interval = DETAIL[level].plotInterval;
     const note = at("detail");
     note.hidden = level === "full";
     write(note, this.detailControl.best === "full" ? "less detail: drawing was slow" : "less detail: no graphics processor");
@@ -373,11 +376,11 @@ class Player {
   private buttons(): void {
     listenToViewButtons(this.orbit);
     at("span").addEventListener("change", () => {
-      this.spoilt = true;
+      this.plotsStale = true;
       this.window.forget();
     });
     new ResizeObserver(() => this.viewMoved()).observe(at("view"));
-    // The keys are the timeline's, wherever the focus is; those of this page come after them.
+    // The timeline handles keys first, wherever the focus is; the rest belongs to this page.
     addEventListener("keydown", (event) => {
       if (parent.timeline?.key(event)) return;
       if (event.ctrlKey || event.metaKey || event.altKey || (event.target as HTMLElement).closest("input, select")) return;
@@ -387,10 +390,10 @@ class Player {
   }
 }
 
-/** The last few hundred numbers of a kind. */
-function keep(list: number[], value: number): void {
+/** Append `value`, and drop the oldest beyond MAX_TIMINGS. */
+function pushTiming(list: number[], value: number): void {
   list.push(value);
-  if (list.length > 500) list.shift();
+  if (list.length > MAX_TIMINGS) list.shift();
 }
 
 const median = (list: number[]): number => [...list].sort((a, b) => a - b)[list.length >> 1] ?? NaN;
@@ -404,9 +407,9 @@ async function begin(): Promise<void> {
 }
 
 begin().catch((mistake: unknown) =>
-  cover(
+  coverPage(
     mistake instanceof UnknownToken
-      ? UNKNOWN
+      ? MISSING_TOKEN
       : { title: "This recording cannot be shown", text: `${mistake instanceof Error ? mistake.message : mistake}. If \`haptorb view\` still runs, load this page again.` },
   ),
 );

@@ -1,22 +1,22 @@
-// The console's document without what needs a servo: each such thing is gone, or stands still and says why.
+// Removes or disables everything in the console's document that needs a servo, with the reason.
 
 import { at, make, write } from "../panels/dom";
 import type { Recorded } from "./played";
 
-const WHY = "A recording: controls that need a servo are disabled.";
+const REASON = "A recording: controls that need a servo are disabled.";
 
 export function hideControls({ name, notices }: Recorded): void {
   document.body.classList.add("recorded");
   document.title = `haptorb · ${name}`;
-  const badge = make("p", { className: "badge recording", title: WHY }, "RECORDING");
+  const badge = make("p", { className: "badge recording", title: REASON }, "RECORDING");
   at("stop").before(badge);
   document.querySelector(".top")!.ariaLabel = "State";
   for (const id of ["sound", "rumble", "cool", "watching"]) at(id).remove();
-  at("reset").before(make("span", { className: "about", title: WHY }, "as recorded"));
-  for (const id of ["stop", "reset", "pause"]) at(id).hidden = true; // the panels still write to them
-  for (const id of ["world", "model"]) at(id).title = WHY;
-  at("sliders").title = WHY;
-  for (const id of ["mode-translate", "mode-rotate", "mode-clutch"]) at(id).title = WHY;
+  at("reset").before(make("span", { className: "about", title: REASON }, "as recorded"));
+  for (const id of ["stop", "reset", "pause"]) at(id).hidden = true; // hidden, not removed: the panels still write to them
+  for (const id of ["world", "model"]) at(id).title = REASON;
+  at("sliders").title = REASON;
+  for (const id of ["mode-translate", "mode-rotate", "mode-clutch"]) at(id).title = REASON;
   const canvas = at("scene");
   canvas.tabIndex = -1;
   canvas.role = "img";

@@ -1,36 +1,36 @@
-// The rows of one recording, asked for by time or in blocks of a thousand; blocks are kept while there is room.
+// Rows of one recording, requested from the server by time or in blocks, with a cache of blocks.
 
 import { parse, type ForceMap, type Mesh, type Rows } from "../wire";
 
-export const BLOCK = 1000; // rows
-const ROOM = 48e6; // bytes of blocks that are kept
-const AT_ONCE = 2; // blocks that are on their way
-const ROWS_AT_ONCE = 3; // single rows: a frame need not wait for the answer to the one before
-const NEAR = 2e-6; // s: times come as float32 from the first of a block, and a tick's own time must find it
-const RETRY = 1000; // ms between two attempts to come back
+export const BLOCK_ROWS = 1000;
+const MAX_CACHE_BYTES = 48e6;
+const MAX_BLOCK_REQUESTS = 2; // in flight
+const MAX_ROW_REQUESTS = 3; // in flight, so that a frame need not wait for the previous response
+const TIME_TOLERANCE_S = 2e-6; // rounding of times, which are float32 relative to the first row of a block
+const RECONNECT_INTERVAL_MS = 1000;
 
-export interface Answers {
+export interface RowSourceHandlers {
   onOpen(): void;
   onClose(code: number): void;
-  /** one row: a frame with it alone, and its number */
+  /** frame with a single row, and the row's number */
   row(frame: Rows, number: number): void;
   block(number: number): void;
   picture(frame: Mesh | ForceMap): void;
   event(event: Record<string, unknown> & { event: string }): void;
 }
 
-/** A row of a block that is here. */
-export interface Place {
+/** Location of a row in a loaded frame. */
+export interface RowLocation {
   frame: Rows;
-  /** its number in the block, and in the recording */
+  /** index in the frame, and number in the recording */
   index: number;
   row: number;
 }
 
 export class RowSource {
   private socket: WebSocket | null = null;
-  private questions = 0;
-  private readonly asked = new Map<number, number | "at">();
+  private requestCount = 0;
+  private readonly pending = new Map<number, number | "at">();
   private readonly blocks = new Map<number, Rows>();
   private bytes = 0;
   private time: number | null = null;
@@ -42,42 +42,42 @@ export class RowSource {
     /** rows of the recording, and the time of the first on the loop's clock [s] */
     private readonly rows: number,
     private readonly start: number,
-    private readonly answers: Answers,
+    private readonly handlers: RowSourceHandlers,
   ) {
     this.open();
   }
 
-  /** Ask for the row at `t` seconds after the first; of several questions only the last is asked. */
-  at(t: number): void {
+  /** Request the row at `t` [s] after the first; a newer request replaces a waiting one. */
+  requestRow(t: number): void {
     this.time = t;
-    this.pump();
+    this.sendRequests();
   }
 
-  /** Fetch these blocks, in this order, and no others any more. */
-  want(blocks: number[]): void {
-    this.wanted = blocks.filter((k) => k >= 0 && k * BLOCK < this.rows && !this.blocks.has(k));
-    this.pump();
+  /** Request these blocks in this order, instead of those that still wait. */
+  requestBlocks(blocks: number[]): void {
+    this.wanted = blocks.filter((k) => k >= 0 && k * BLOCK_ROWS < this.rows && !this.blocks.has(k));
+    this.sendRequests();
   }
 
   world(change: number, model: string): void {
     this.send({ do: "world", change, model });
   }
 
-  /** The block with that number, if it is here. */
+  /** Block by number, if it is loaded. */
   block(number: number): Rows | undefined {
     return this.blocks.get(number);
   }
 
-  /** The last row that is not later than `t` [s after the first], if its block is here. */
-  find(t: number): Place | null {
-    const time = this.start + t + NEAR;
+  /** Last row at or before time `t` [s] after the first, if its block is loaded. */
+  find(t: number): RowLocation | null {
+    const time = this.start + t + TIME_TOLERANCE_S;
     for (const [number, frame] of this.blocks) {
       const { count, t0, width, data } = frame;
       if (time < t0) continue;
       const next = this.blocks.get(number + 1);
-      const last = (number + 1) * BLOCK >= this.rows;
+      const last = (number + 1) * BLOCK_ROWS >= this.rows;
       if (!last && time >= (next ? next.t0 : t0 + data[(count - 1) * width]!)) {
-        // Of a block whose successor is not here, the last row's own time is the end.
+        // Without the next block it is unknown how long the last row is valid, so the block ends at that row.
         continue;
       }
       let low = 0;
@@ -87,15 +87,15 @@ export class RowSource {
         if (t0 + data[middle * width]! <= time) low = middle;
         else high = middle;
       }
-      return { frame, index: low, row: number * BLOCK + low };
+      return { frame, index: low, row: number * BLOCK_ROWS + low };
     }
     return null;
   }
 
-  /** The row with that number, if its block is here. */
-  row(number: number): Place | null {
-    const frame = this.blocks.get(Math.floor(number / BLOCK));
-    const index = number % BLOCK;
+  /** Row by number, if its block is loaded. */
+  row(number: number): RowLocation | null {
+    const frame = this.blocks.get(Math.floor(number / BLOCK_ROWS));
+    const index = number % BLOCK_ROWS;
     return frame && index >= 0 && index < frame.count ? { frame, index, row: number } : null;
   }
 
@@ -104,73 +104,73 @@ export class RowSource {
     this.socket = socket;
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
-      this.asked.clear();
-      this.answers.onOpen();
-      this.pump();
+      this.pending.clear();
+      this.handlers.onOpen();
+      this.sendRequests();
     };
     socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
-      if (typeof data === "string") this.tell(JSON.parse(data) as { event: string });
-      else this.take(data);
+      if (typeof data === "string") this.onEvent(JSON.parse(data) as { event: string });
+      else this.onFrame(data);
     };
     socket.onclose = ({ code }) => {
-      this.answers.onClose(code);
-      setTimeout(() => this.open(), RETRY);
+      this.handlers.onClose(code);
+      setTimeout(() => this.open(), RECONNECT_INTERVAL_MS);
     };
   }
 
-  private tell(event: Record<string, unknown> & { event: string }): void {
-    if (event.event === "mistake") this.asked.delete(Number(event["n"]));
-    this.answers.event(event);
-    this.pump();
+  private onEvent(event: Record<string, unknown> & { event: string }): void {
+    if (event.event === "mistake") this.pending.delete(Number(event["n"]));
+    this.handlers.event(event);
+    this.sendRequests();
   }
 
-  private take(buffer: ArrayBuffer): void {
+  private onFrame(buffer: ArrayBuffer): void {
     const frame = parse(buffer);
     if (!frame) return;
-    if (frame.kind !== "rows") return this.answers.picture(frame);
-    const what = this.asked.get(frame.echo);
-    this.asked.delete(frame.echo);
-    if (what === "at") this.answers.row(frame, frame.dropped);
+    if (frame.kind !== "rows") return this.handlers.picture(frame);
+    const what = this.pending.get(frame.echo);
+    this.pending.delete(frame.echo);
+    if (what === "at") this.handlers.row(frame, frame.dropped);
     else if (what !== undefined) {
-      this.keep(what, frame);
-      this.answers.block(what);
+      this.cache(what, frame);
+      this.handlers.block(what);
     }
-    this.pump();
+    this.sendRequests();
   }
 
-  private keep(number: number, frame: Rows): void {
+  private cache(number: number, frame: Rows): void {
     this.blocks.set(number, frame);
     this.bytes += frame.data.byteLength;
     for (const [old, { data }] of this.blocks) {
-      if (this.bytes <= ROOM || old === number) break;
+      if (this.bytes <= MAX_CACHE_BYTES || old === number) break;
       this.blocks.delete(old);
       this.bytes -= data.byteLength;
     }
   }
 
-  private pump(): void {
+  private sendRequests(): void {
     if (this.socket?.readyState !== WebSocket.OPEN) return;
-    const asked = [...this.asked.values()];
-    if (this.time !== null && asked.filter((what) => what === "at").length < ROWS_AT_ONCE) {
-      this.ask("at", { do: "at", t: this.time });
+    const pending = [...this.pending.values()];
+    if (this.time !== null && pending.filter((what) => what === "at").length < MAX_ROW_REQUESTS) {
+      this.request("at", { do: "at", t: this.time });
       this.time = null;
     }
-    let free = AT_ONCE - asked.filter((what) => what !== "at").length;
+    let free = MAX_BLOCK_REQUESTS - pending.filter((what) => what !== "at").length;
     while (free > 0 && this.wanted.length) {
       const number = this.wanted.shift()!;
-      if (this.blocks.has(number) || asked.includes(number)) continue;
-      this.ask(number, { do: "rows", first: number * BLOCK, count: Math.min(BLOCK, this.rows - number * BLOCK) });
+      if (this.blocks.has(number) || pending.includes(number)) continue;
+      this.request(number, { do: "rows", first: number * BLOCK_ROWS, count: Math.min(BLOCK_ROWS, this.rows - number * BLOCK_ROWS) });
       free--;
     }
   }
 
-  private ask(what: number | "at", question: Record<string, unknown>): void {
-    this.questions++;
-    this.asked.set(this.questions, what);
-    this.send({ ...question, n: this.questions });
+  private request(what: number | "at", message: Record<string, unknown>): void {
+    this.requestCount++;
+    this.pending.set(this.requestCount, what);
+    this.send({ ...message, n: this.requestCount });
   }
 
-  private send(question: Record<string, unknown>): void {
-    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(question));
+  private send(message: Record<string, unknown>): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 }

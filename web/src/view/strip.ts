@@ -1,10 +1,10 @@
-// One recording's curve over the whole time, with its marks, drawn only when something of it changed.
+// Curve and marks of one recording over the whole timeline; redrawn only after changes.
 
 import { css, onThemeChange } from "../theme";
 import { make } from "../panels/dom";
 import type { Overview } from "./overview";
 
-/** What can be drawn: the area's channel, the line's, and how a number of theirs is shown. */
+/** A quantity: channels for area and line, unit, and offset of displayed values. */
 export interface Quantity {
   name: string;
   area: string;
@@ -30,7 +30,7 @@ export class Strip {
   constructor(
     private readonly name: string,
     private quantity: Quantity,
-    /** where the recording lies on the time line [s], and how long that is */
+    /** start and duration of the recording, and limits of the timeline [s] */
     private place: { from: number; seconds: number; begin: number; end: number },
   ) {
     this.canvas.ariaHidden = "true";
@@ -59,13 +59,13 @@ export class Strip {
     const { canvas } = this;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
     if (!width || !height) return;
-    const sharp = Math.min(devicePixelRatio, 2);
-    canvas.width = Math.round(width * sharp);
-    canvas.height = Math.round(height * sharp);
-    const ink = canvas.getContext("2d")!;
-    ink.scale(sharp, sharp);
-    this.curve(ink, width, height);
-    this.marks(ink, width, height);
+    const pixelRatio = Math.min(devicePixelRatio, 2);
+    canvas.width = Math.round(width * pixelRatio);
+    canvas.height = Math.round(height * pixelRatio);
+    const context = canvas.getContext("2d")!;
+    context.scale(pixelRatio, pixelRatio);
+    this.curve(context, width, height);
+    this.marks(context, width, height);
   }
 
   private x(t: number, width: number): number {
@@ -73,29 +73,29 @@ export class Strip {
     return ((from + t - begin) / Math.max(end - begin, 1e-9)) * width;
   }
 
-  private curve(ink: CanvasRenderingContext2D, width: number, height: number): void {
+  private curve(context: CanvasRenderingContext2D, width: number, height: number): void {
     const { area, line, unit, shift } = this.quantity;
     const shown = this.overview?.ranges.get(area);
-    const asked = line ? this.overview?.ranges.get(line) : undefined;
+    const commanded = line ? this.overview?.ranges.get(line) : undefined;
     const { seconds } = this.place;
-    ink.strokeStyle = css("--line");
-    ink.strokeRect(this.x(0, width) + 0.5, 0.5, this.x(seconds, width) - this.x(0, width) - 1, height - 1);
-    ink.font = `14px ${css("--font")}`;
+    context.strokeStyle = css("--line");
+    context.strokeRect(this.x(0, width) + 0.5, 0.5, this.x(seconds, width) - this.x(0, width) - 1, height - 1);
+    context.font = `14px ${css("--font")}`;
     if (!shown) return;
     let [low, high] = [Infinity, -Infinity];
-    for (const range of [shown, asked]) {
+    for (const range of [shown, commanded]) {
       for (const value of range?.least ?? []) if (value < low) low = value;
       for (const value of range?.most ?? []) if (value > high) high = value;
     }
-    if (high < low) return this.label(ink, `${this.name} no ${this.quantity.name} in it`, width);
+    if (high < low) return this.label(context, `${this.name} no ${this.quantity.name} in it`, width);
     if (low >= 0 && shift === 0) low = 0;
     if (high - low < 1e-9) high = low + 1e-9;
     const y = (value: number): number => height - 3 - ((value - low) / (high - low)) * (height - 22);
     const bins = shown.least.length;
     const step = seconds / bins;
     const [begin, end] = [this.x(0, width), this.x(seconds, width)];
-    ink.fillStyle = css("--given");
-    // One column of pixels at a time, whatever lies in it: the area down to the axis pale, from least to most full.
+    context.fillStyle = css("--delivered");
+    // Per pixel column: a pale area down to the axis, and a solid bar from minimum to maximum.
     for (let x = Math.max(0, Math.floor(begin)); x < Math.min(width, end); x++) {
       const share = (one: number): number => Math.min(Math.max(((one - begin) / Math.max(end - begin, 1e-9)) * bins, 0), bins - 1);
       let [least, most] = [Infinity, -Infinity];
@@ -104,66 +104,66 @@ export class Strip {
         if (shown.most[k]! > most) most = shown.most[k]!;
       }
       if (most < least) continue;
-      ink.globalAlpha = 0.35;
-      ink.fillRect(x, y(most), 1, y(low) - y(most));
-      ink.globalAlpha = 1;
-      ink.fillRect(x, y(most), 1, Math.max(y(least) - y(most), 1));
+      context.globalAlpha = 0.35;
+      context.fillRect(x, y(most), 1, y(low) - y(most));
+      context.globalAlpha = 1;
+      context.fillRect(x, y(most), 1, Math.max(y(least) - y(most), 1));
     }
-    if (asked) {
-      ink.strokeStyle = css("--asked");
-      ink.setLineDash([4, 3]);
-      ink.beginPath();
+    if (commanded) {
+      context.strokeStyle = css("--commanded");
+      context.setLineDash([4, 3]);
+      context.beginPath();
       let pen = false;
       for (let k = 0; k < bins; k++) {
-        const most = asked.most[k]!;
+        const most = commanded.most[k]!;
         if (Number.isNaN(most)) pen = false;
-        else if (pen) ink.lineTo(this.x((k + 0.5) * step, width), y(most));
+        else if (pen) context.lineTo(this.x((k + 0.5) * step, width), y(most));
         else {
-          ink.moveTo(this.x((k + 0.5) * step, width), y(most));
+          context.moveTo(this.x((k + 0.5) * step, width), y(most));
           pen = true;
         }
       }
-      ink.stroke();
-      ink.setLineDash([]);
+      context.stroke();
+      context.setLineDash([]);
     }
     const digits = (value: number): string => String(Number((value + shift).toPrecision(3))).replace("-", "−");
     const words = `${this.name} ${this.quantity.name} ${digits(low)} to ${digits(high)} ${unit}`;
-    this.label(ink, words.trim(), width);
+    this.label(context, words.trim(), width);
   }
 
-  private label(ink: CanvasRenderingContext2D, text: string, width: number): void {
+  private label(context: CanvasRenderingContext2D, text: string, width: number): void {
     const left = Math.max(this.x(0, width), 0) + 6;
-    ink.fillStyle = css("--bg");
-    ink.globalAlpha = 0.75;
-    ink.fillRect(left - 3, 1, ink.measureText(text).width + 6, 17);
-    ink.globalAlpha = 1;
-    ink.fillStyle = css("--muted");
-    ink.fillText(text, left, 14);
+    context.fillStyle = css("--bg");
+    context.globalAlpha = 0.75;
+    context.fillRect(left - 3, 1, context.measureText(text).width + 6, 17);
+    context.globalAlpha = 1;
+    context.fillStyle = css("--muted");
+    context.fillText(text, left, 14);
   }
 
-  /** A triangle for a trip, a diamond for another world, a bar for missing ticks: not by colour alone. */
-  private marks(ink: CanvasRenderingContext2D, width: number, height: number): void {
+  /** Draw marks, told apart by shape too: triangle for a trip, diamond for a change of world, bar for missing ticks. */
+  private marks(context: CanvasRenderingContext2D, width: number, height: number): void {
     for (const { kind, t } of this.overview?.marks ?? []) {
       const x = this.x(t, width);
-      ink.fillStyle = ink.strokeStyle = css(MARKS[kind]);
-      ink.beginPath();
-      ink.moveTo(x, 0);
-      ink.lineTo(x, height);
-      ink.lineWidth = kind === "trip" ? 2 : 1;
-      ink.stroke();
-      ink.beginPath();
+      context.fillStyle = context.strokeStyle = css(MARKS[kind]);
+      context.beginPath();
+      context.moveTo(x, 0);
+      context.lineTo(x, height);
+      context.lineWidth = kind === "trip" ? 2 : 1;
+      context.stroke();
+      context.beginPath();
       if (kind === "trip") {
-        ink.moveTo(x - 6, height);
-        ink.lineTo(x + 6, height);
-        ink.lineTo(x, height - 11);
+        context.moveTo(x - 6, height);
+        context.lineTo(x + 6, height);
+        context.lineTo(x, height - 11);
       } else if (kind === "world") {
-        ink.moveTo(x, height - 11);
-        ink.lineTo(x + 5, height - 6);
-        ink.lineTo(x, height - 1);
-        ink.lineTo(x - 5, height - 6);
-      } else ink.rect(x - 1, height - 12, 3, 12);
-      ink.fill();
+        context.moveTo(x, height - 11);
+        context.lineTo(x + 5, height - 6);
+        context.lineTo(x, height - 1);
+        context.lineTo(x - 5, height - 6);
+      } else context.rect(x - 1, height - 12, 3, 12);
+      context.fill();
     }
-    ink.lineWidth = 1;
+    context.lineWidth = 1;
   }
 }

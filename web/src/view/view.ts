@@ -1,24 +1,25 @@
-// The page with the timeline: it says to each recording's page, in a frame, which moment to show.
+// Timeline page: tells the page of each recording, in an iframe, which time to show.
 
 import { readNumber } from "../entry";
 import { at, make, write } from "../panels/dom";
-import { cover, UNKNOWN } from "../panels/lock";
-import { type Gives, UnknownToken, token } from "../session";
+import { coverPage, MISSING_TOKEN } from "../panels/lock";
+import { type RenderedQuantity, UnknownToken, token } from "../session";
 import { Clock, SPEEDS, formatTime } from "./clock";
 import { fetchOverview, type Overview, type Trips } from "./overview";
 import type { Recorded, TimelineHandle } from "./played";
 import { QUANTITIES, Strip, type Quantity } from "./strip";
 
-const LATER = 600; // ms before the overview is asked for: the picture comes first
-const OFTEN = 700; // ms between two questions for what is not complete
-const SAY = 150; // ms between two changes of what a screen reader says of the slider
-const FARTHEST = 1e6; // s between the beginnings of two recordings
-const LONG = 2000; // ms after which progress is shown
+const OVERVIEW_DELAY_MS = 600; // so that the first row is loaded before
+const POLL_INTERVAL_MS = 700; // of an incomplete overview
+const ANNOUNCE_INTERVAL_MS = 150; // of the slider's value for screen readers
+const MAX_OFFSET_S = 1e6; // between the starts of two recordings
+const PROGRESS_DELAY_MS = 2000; // before progress is shown
+const MAX_FRAME_S = 0.25; // by which playback advances per frame
 
 interface Opening {
   version: string;
   started: string;
-  recordings: (Recorded & { gives: Gives; trips: Trips })[];
+  recordings: (Recorded & { gives: RenderedQuantity; trips: Trips })[];
   at: number;
   range: [number, number] | null;
   offset: number;
@@ -31,8 +32,8 @@ class Timeline {
   private readonly overviews: (Overview | null)[] = [];
   private offset: number;
   private last = performance.now();
-  private saidAt = 0;
-  private spokenTime = NaN;
+  private announcedAt = 0;
+  private displayedTime = NaN;
   private scrubbing = false;
   private readonly begun = performance.now();
 
@@ -60,7 +61,7 @@ class Timeline {
     this.pointer();
     addEventListener("keydown", (event) => this.key(event));
     window.timeline = this.handle;
-    setTimeout(() => recordings.forEach((_, i) => void this.look(i)), LATER);
+    setTimeout(() => recordings.forEach((_, i) => void this.pollOverview(i)), OVERVIEW_DELAY_MS);
     requestAnimationFrame((now) => this.frame(now));
   }
 
@@ -90,7 +91,7 @@ class Timeline {
     };
   }
 
-  /** Where recording `i` lies on the time line. */
+  /** Position of recording `i` on the timeline. */
   private place(i: number): { from: number; seconds: number; begin: number; end: number } {
     const { begin, end } = this.clock;
     return { from: i ? this.offset : 0, seconds: this.opening.recordings[i]!.seconds, begin, end };
@@ -113,8 +114,8 @@ class Timeline {
     return all.sort((a, b) => a.t - b.t);
   }
 
-  /** The overview of recording `i`, until it is complete. */
-  private async look(i: number): Promise<void> {
+  /** Poll the overview of recording `i` until it is complete. */
+  private async pollOverview(i: number): Promise<void> {
     const recorded = this.opening.recordings[i]!;
     try {
       const overview = await fetchOverview(i, token(), recorded, recorded.trips);
@@ -122,9 +123,9 @@ class Timeline {
       this.strips[i]!.show(overview);
       this.listMarks();
       this.report();
-      if (overview.done < 1 && !overview.trouble) setTimeout(() => void this.look(i), OFTEN);
+      if (overview.done < 1 && !overview.trouble) setTimeout(() => void this.pollOverview(i), POLL_INTERVAL_MS);
     } catch {
-      setTimeout(() => void this.look(i), 2 * OFTEN); // the server is away: it may come back
+      setTimeout(() => void this.pollOverview(i), 2 * POLL_INTERVAL_MS); // the server may respond again later
     }
   }
 
@@ -132,7 +133,7 @@ class Timeline {
     const done = Math.min(...this.overviews.map((one) => one?.done ?? 0));
     const trouble = this.overviews.map((one) => one?.trouble ?? "").find(Boolean) ?? "";
     const progress = at("progress");
-    progress.hidden = !trouble && (done >= 1 || performance.now() - this.begun < LONG);
+    progress.hidden = !trouble && (done >= 1 || performance.now() - this.begun < PROGRESS_DELAY_MS);
     write(progress, trouble ? `overview: ${trouble}` : `overview: ${Math.floor(100 * done)} % read; the rest is coarse`);
   }
 
@@ -148,7 +149,7 @@ class Timeline {
 
   private go(time: number): void {
     this.clock.go(time);
-    this.spokenTime = NaN;
+    this.displayedTime = NaN;
   }
 
   private jump(direction: 1 | -1): void {
@@ -162,7 +163,7 @@ class Timeline {
   private step(ticks: number): void {
     this.clock.play(false);
     const player = this.frames[0]!.contentWindow?.player;
-    // Of two recordings the first one's ticks count, or the other's where the first has none.
+    // Step through the ticks of the first recording, or of the second where the first has none.
     const { seconds } = this.opening.recordings[0]!;
     const inside = this.clock.time >= 0 && this.clock.time <= seconds;
     if (player && inside) return this.go(player.neighbour(ticks));
@@ -170,7 +171,7 @@ class Timeline {
     this.go(other ? other.neighbour(ticks) + this.offset : this.clock.time + ticks / 1000);
   }
 
-  /** What a key does; true if it was one of ours. */
+  /** Handle a key; returns whether the timeline uses it. */
   key(event: KeyboardEvent): boolean {
     const target = event.target as HTMLElement;
     if (event.ctrlKey || event.metaKey || event.altKey) return false;
@@ -287,8 +288,8 @@ class Timeline {
     offset.addEventListener("input", () => offset.removeAttribute("aria-invalid"));
     offset.addEventListener("change", () => {
       const value = readNumber(offset.value);
-      const refused = value === null || Math.abs(value) > FARTHEST;
-      write(at("offset-mistake"), refused ? `“${offset.value}” is not used: a number of seconds up to ${FARTHEST}, such as 0.25` : "");
+      const refused = value === null || Math.abs(value) > MAX_OFFSET_S;
+      write(at("offset-mistake"), refused ? `“${offset.value}” is not used: a number of seconds up to ${MAX_OFFSET_S}, such as 0.25` : "");
       at("offset-mistake").hidden = !refused;
       offset.setAttribute("aria-invalid", String(refused));
       if (refused) {
@@ -304,7 +305,7 @@ class Timeline {
     this.show();
   }
 
-  /** A pointer on the strips is the time. */
+  /** Scrub by dragging on the strips. */
   private pointer(): void {
     const slider = at("slider");
     const move = (event: PointerEvent): void => {
@@ -328,29 +329,29 @@ class Timeline {
 
   private frame(now: number): void {
     requestAnimationFrame((next) => this.frame(next));
-    const passed = Math.min((now - this.last) / 1000, 0.25);
+    const passed = Math.min((now - this.last) / 1000, MAX_FRAME_S);
     this.last = now;
     const { clock } = this;
     const was = clock.playing;
-    if (!this.scrubbing) clock.pass(passed);
+    if (!this.scrubbing) clock.advance(passed);
     if (was !== clock.playing) this.show();
     const speed = clock.playing && !this.scrubbing ? clock.speed : 0;
     this.frames.forEach((frame, i) => frame.contentWindow?.player?.show(clock.time - (i ? this.offset : 0), speed));
     for (const strip of this.strips) strip.draw();
-    this.tell(now);
+    this.updateTime(now);
   }
 
-  /** The head, the clock, and what a screen reader says. */
-  private tell(now: number): void {
+  /** Update the playhead, the displayed time and the slider's value. */
+  private updateTime(now: number): void {
     const { time, begin, end } = this.clock;
-    if (time !== this.spokenTime) {
+    if (time !== this.displayedTime) {
       const share = (time - begin) / Math.max(end - begin, 1e-9);
       at("head").style.transform = `translateX(${(share * at("strips").clientWidth).toFixed(1)}px)`;
       write(at("now"), formatTime(time));
-      this.spokenTime = time;
+      this.displayedTime = time;
     }
-    if (now - this.saidAt < SAY) return;
-    this.saidAt = now;
+    if (now - this.announcedAt < ANNOUNCE_INTERVAL_MS) return;
+    this.announcedAt = now;
     const shown = this.frames[0]!.contentWindow?.player?.shown;
     const tick = shown && Number.isFinite(shown.tick) ? `, tick ${shown.tick.toFixed(0)}` : "";
     write(at("of"), `of ${formatTime(end, 1)}${tick}`);
@@ -361,7 +362,7 @@ class Timeline {
     slider.ariaValueText = `${formatTime(time)} of ${formatTime(end)}${tick}`;
   }
 
-  /** Buttons and the repeated part, as the clock has them. */
+  /** Update the buttons and the looped range. */
   private show(): void {
     const { playing, speed, loop, range, begin, end } = this.clock;
     write(at("play"), playing ? "‖ pause" : "▶ play");
@@ -388,7 +389,7 @@ async function begin(): Promise<void> {
 
 addEventListener("hashchange", () => location.reload());
 
-const UNREACHED = { title: "The program does not respond", text: "Start `haptorb view FILE`, and open the address that it prints." };
+const NO_RESPONSE = { title: "The program does not respond", text: "Start `haptorb view FILE`, and open the address that it prints." };
 
-if (!token()) cover(UNKNOWN);
-else begin().catch((mistake: unknown) => cover(mistake instanceof UnknownToken ? UNKNOWN : UNREACHED));
+if (!token()) coverPage(MISSING_TOKEN);
+else begin().catch((mistake: unknown) => coverPage(mistake instanceof UnknownToken ? MISSING_TOKEN : NO_RESPONSE));

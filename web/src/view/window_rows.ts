@@ -1,33 +1,33 @@
-// The plots' samples: those of the last seconds before the row that is shown, as a running servo would have left them.
+// Fills the history with the samples before the shown row, as if a servo had just produced them.
 
 import type { History } from "../history";
 import type { Rows } from "../wire";
-import { BLOCK, type Place, type RowSource } from "./row_source";
+import { BLOCK_ROWS, type RowLocation, type RowSource } from "./row_source";
 
 export class WindowRows {
   private first = 0;
-  private last = -1; // row numbers in the history
+  private last = -1; // numbers of the first and last row in the history
 
   constructor(
     private readonly history: History,
     private readonly source: RowSource,
   ) {}
 
-  /** Everything up to `place`, `rows` of it at most; true if that changed the samples. */
-  fill({ row }: Place, rows: number): boolean {
+  /** Fill the history up to this row with at most `rows` samples; returns whether it changed. */
+  fill({ row }: RowLocation, rows: number): boolean {
     if (row === this.last) return false;
     if (row > this.last && this.last >= 0 && row - this.last < rows && this.add(this.last + 1, row)) return true;
     return this.renew(row, rows);
   }
 
-  /** A block has come that may be part of it. */
+  /** Fill the history again, for instance after a block was loaded. */
   renew(row: number, rows: number): boolean {
     let first = row;
     const least = Math.max(0, row - rows + 1);
-    while (first > least && this.source.block(Math.floor((first - 1) / BLOCK))) {
-      first = Math.max(least, Math.floor((first - 1) / BLOCK) * BLOCK);
+    while (first > least && this.source.block(Math.floor((first - 1) / BLOCK_ROWS))) {
+      first = Math.max(least, Math.floor((first - 1) / BLOCK_ROWS) * BLOCK_ROWS);
     }
-    if (!this.source.block(Math.floor(row / BLOCK))) return false;
+    if (!this.source.block(Math.floor(row / BLOCK_ROWS))) return false;
     this.history.clear();
     this.first = first;
     this.last = first - 1;
@@ -35,7 +35,7 @@ export class WindowRows {
     return true;
   }
 
-  /** Whether the history reaches back `rows` from `row`, or to the beginning. */
+  /** Whether the history has `rows` samples up to `row`, or all since the beginning. */
   reaches(row: number, rows: number): boolean {
     return this.last === row && this.first <= Math.max(0, row - rows + 1);
   }
@@ -48,9 +48,9 @@ export class WindowRows {
   private add(first: number, last: number): boolean {
     const parts: Rows[] = [];
     for (let row = first; row <= last; ) {
-      const frame = this.source.block(Math.floor(row / BLOCK));
+      const frame = this.source.block(Math.floor(row / BLOCK_ROWS));
       if (!frame) return false;
-      const from = row % BLOCK;
+      const from = row % BLOCK_ROWS;
       const count = Math.min(frame.count - from, last - row + 1);
       if (count <= 0) return false;
       parts.push({ ...frame, count, data: frame.data.subarray(from * frame.width, (from + count) * frame.width) });

@@ -1,32 +1,32 @@
-// The second picture: the target scene with its own view, scale bar and buttons.
+// Second view: the object that a motor moves, with camera, scale bar and buttons of its own.
 
 import { at, write } from "../panels/dom";
 import type { Sample, Vector } from "../sample";
-import type { Shape, TargetScene } from "../session";
-import type { Level } from "./detail";
+import type { Shape, ObjectScene } from "../session";
+import type { DetailLevel } from "./detail";
 import { Orbit, type Home } from "./orbit";
 import { Shapes } from "./shapes";
 import { Stage } from "./stage";
-import { Target, UNIT } from "./target";
+import { ObjectDrawing, UNITS_PER_M } from "./object_drawing";
 
 const HOME: Home = { azimuth: -78, elevation: 52, distance: 360, centre: [56, -14, -22] };
-const BEGIN = 17e-3; // m: how far a plug is out when a session begins
+const INITIAL_PLUG_DISTANCE_M = 17e-3; // of the plug from the socket
 
-export class TargetPane {
+export class ObjectPane {
   private readonly home: Home = { ...HOME };
   private framed = "";
-  private scene: TargetScene | null = null;
+  private scene: ObjectScene | null = null;
   private readonly stage: Stage;
   private readonly orbit: Orbit;
-  private readonly target: Target;
+  private readonly drawing: ObjectDrawing;
   readonly shapes: Shapes;
   private readonly pointers = new Map<number, { x: number; y: number }>();
 
-  constructor(scene: TargetScene | null, shapes: Shape[], best: Level) {
+  constructor(scene: ObjectScene | null, shapes: Shape[], best: DetailLevel) {
     this.stage = new Stage(at<HTMLCanvasElement>("target-scene"), best);
     this.orbit = new Orbit(this.stage.camera, () => this.updateScale(), this.home);
-    this.target = new Target(this.stage);
-    this.shapes = new Shapes(this.stage, UNIT, shapes, at("bodies"));
+    this.drawing = new ObjectDrawing(this.stage);
+    this.shapes = new Shapes(this.stage, UNITS_PER_M, shapes, at("bodies"));
     this.build(scene);
     const { canvas } = this.stage;
     canvas.addEventListener("pointerdown", (event) => {
@@ -54,17 +54,17 @@ export class TargetPane {
     }).observe(at("target-free"));
   }
 
-  /** How much to draw. */
-  set level(level: Level) {
+  /** Set the level of detail. */
+  set level(level: DetailLevel) {
     this.stage.level = level;
   }
 
-  /** Another world, or other sizes. */
-  build(scene: TargetScene | null): void {
-    this.target.build(scene);
+  /** Replace the object after a change of world or values. */
+  build(scene: ObjectScene | null): void {
+    this.drawing.build(scene);
     const { scene: bodies } = this.shapes;
-    this.target.drawn = !bodies;
-    // Only the snap-fits have a plug, and hooks.
+    this.drawing.drawn = !bodies;
+    // Only snap-fit worlds have a plug with hooks.
     for (const one of document.querySelectorAll<HTMLElement>("[data-held]")) write(one, bodies ? "body" : "plug");
     at("hooks").hidden = bodies;
     this.scene = scene;
@@ -73,7 +73,7 @@ export class TargetPane {
   }
 
   show(sample: Sample): void {
-    this.target.show(sample);
+    this.drawing.show(sample);
   }
 
   draw(now: number): void {
@@ -81,7 +81,7 @@ export class TargetPane {
   }
 
   forget(): void {
-    this.target.forget();
+    this.drawing.forget();
     at("target").classList.add("dead");
   }
 
@@ -89,9 +89,9 @@ export class TargetPane {
     at("target").classList.remove("dead");
   }
 
-  /** What is drawn now, for tests. */
+  /** Drawn position and deflections, for tests. */
   get shown(): { place: Vector; bent: number[] } {
-    return { place: this.target.place, bent: [...this.target.bent] };
+    return { place: this.drawing.place, bent: [...this.drawing.bent] };
   }
 
   private frameAll(): void {
@@ -99,30 +99,30 @@ export class TargetPane {
     else if (this.shapes.scene) this.frameShapes();
   }
 
-  /** The whole of socket and plug in view, the plug as far out as it begins. */
-  private frame({ root, floor, outline }: TargetScene): void {
-    const from = (Math.min(root, floor) - 2.5e-3) * UNIT;
-    const to = (outline.at(-1)![0] + BEGIN) * UNIT;
-    this.look([(from + to) / 2, -14, -22], 0.58 * (to - from)); // the nearer end looks larger
+  /** Fit socket and plug, in its initial position, into the view. */
+  private frame({ root, floor, outline }: ObjectScene): void {
+    const from = (Math.min(root, floor) - 2.5e-3) * UNITS_PER_M;
+    const to = (outline.at(-1)![0] + INITIAL_PLUG_DISTANCE_M) * UNITS_PER_M;
+    this.fitView([(from + to) / 2, -14, -22], 0.58 * (to - from)); // perspective enlarges the nearer end
   }
 
-  /** The whole of a scene in view. */
+  /** Fit a MuJoCo scene into the view. */
   private frameShapes(): void {
     const { centre, radius } = this.shapes.extent;
-    this.look(centre.map((one) => one * UNIT) as Home["centre"], 1.25 * radius * UNIT);
+    this.fitView(centre.map((one) => one * UNITS_PER_M) as Home["centre"], 1.25 * radius * UNITS_PER_M);
   }
 
-  /** What reaches so far to both sides of `centre` in view: between the buttons and the numbers, at any size of the page. */
-  private look(centre: Home["centre"], reach: number): void {
+  /** Fit a length of ±`reach` about `centre` into the free area between buttons and readouts. */
+  private fitView(centre: Home["centre"], reach: number): void {
     const free = at("target-free");
     const [width, height] = [Math.max(60, free.clientWidth) / 2, Math.max(60, free.clientHeight) / 2];
     this.stage.centre = { x: free.offsetLeft + free.clientWidth / 2, y: free.offsetTop + free.clientHeight / 2 };
     const turned = this.orbit.distance / this.home.distance;
     this.home.centre = centre;
-    // Seen from the side it is flat; the body that is held moves sideways, as a drawer does.
+    // Less height than width, because plug and held body mainly move sideways.
     this.home.distance = Math.max(this.stage.fit(reach, width), this.stage.fit(0.56 * reach, height));
     const home = JSON.stringify(this.home);
-    if (home === this.framed) return; // a slider that moves nothing leaves the view as it was turned
+    if (home === this.framed) return; // unchanged size: keep the user's view
     const other = this.orbit.centre.toArray().some((one, i) => one !== this.home.centre[i]);
     this.framed = home;
     this.orbit.centre.set(...this.home.centre);
@@ -149,7 +149,7 @@ export class TargetPane {
 
   private updateScale(): void {
     this.stage.touch();
-    const pixels = (this.stage.scale(this.orbit.distance) * UNIT) / 1000;
+    const pixels = (this.stage.scale(this.orbit.distance) * UNITS_PER_M) / 1000;
     const millimetres = [1, 2, 5, 10].find((mm) => mm * pixels > 35) ?? 20;
     const box = at("target-scale");
     box.querySelector<HTMLElement>("span")!.style.width = `${millimetres * pixels}px`;

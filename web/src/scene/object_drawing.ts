@@ -1,4 +1,4 @@
-// The target scene: a plug in its socket, moving as commanded, hooks bent as the world computes them, contact forces.
+// Drawing of the object that a motor moves: a plug in its socket, with the deflection of the hooks and contact forces.
 
 import {
   BoxGeometry,
@@ -11,15 +11,15 @@ import {
   Vector3,
 } from "three";
 import type { Sample, Vector } from "../sample";
-import type { TargetScene } from "../session";
+import type { ObjectScene } from "../session";
 import { css, onThemeChange } from "../theme";
 import { Arrow } from "./arrow";
 import type { Stage } from "./stage";
 
-/** units of the picture per metre: a plug is as large here as a motor there */
-export const UNIT = 5000;
-const LONGEST = 45; // units of arrow at the scene's own force
-const WALL = 2.5e-3; // m: thickness of the socket's walls, for the eye
+/** scene units per metre, so that a plug is as large as a motor in the other view */
+export const UNITS_PER_M = 5000;
+const MAX_ARROW_UNITS = 45; // at the typical force of the scene
+const WALL_THICKNESS_M = 2.5e-3; // of the socket, for the drawing only
 
 interface Strip {
   mesh: Mesh<BufferGeometry, MeshLambertMaterial>;
@@ -30,7 +30,7 @@ interface Beam extends Strip {
   side: number;
 }
 
-export class Target {
+export class ObjectDrawing {
   private readonly plug = new Group();
   private readonly socket = new Group();
   private readonly plastic = new MeshLambertMaterial({ side: DoubleSide, flatShading: true });
@@ -38,36 +38,36 @@ export class Target {
   private readonly wall = new MeshLambertMaterial({ transparent: true, opacity: 0.55, depthWrite: false });
   private readonly beams: Beam[] = [];
   private readonly arrows: Arrow[];
-  private scene: TargetScene | null = null;
+  private scene: ObjectScene | null = null;
   private lastText = "";
   private readonly last = new Float32Array(23);
-  /** how far the tip of each hook is bent in the picture [m], for tests */
+  /** drawn deflection of the tip of each hook [m], for tests */
   bent: [number, number] = [0, 0];
 
   constructor(private readonly stage: Stage) {
     const touch = (): void => stage.touch();
-    this.arrows = [new Arrow(true, "--given", 0, 6, touch), new Arrow(true, "--given", 0, 6, touch)];
+    this.arrows = [new Arrow(true, "--delivered", 0, 6, touch), new Arrow(true, "--delivered", 0, 6, touch)];
     stage.scene.add(this.plug, this.socket, ...this.arrows.map((arrow) => arrow.mesh));
-    const dress = (): void => {
+    const applyTheme = (): void => {
       this.plastic.color.set(css("--plug"));
       this.metal.color.set(css("--hook"));
       this.wall.color.set(css("--base"));
       touch();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
     this.build(null);
   }
 
-  /** Whether plug and socket are in the picture: a scene has bodies of its own. */
+  /** Show or hide plug and socket; a MuJoCo scene has bodies of its own. */
   set drawn(shown: boolean) {
     if (shown) this.stage.scene.add(this.plug, this.socket);
     else this.stage.scene.remove(this.plug, this.socket);
     this.stage.touch();
   }
 
-  /** Another world, or other sizes; null: a target without a socket. */
-  build(scene: TargetScene | null): void {
+  /** Replace plug and socket, if they changed; null: a plug without a socket. */
+  build(scene: ObjectScene | null): void {
     const text = JSON.stringify(scene);
     if (text === this.lastText) return;
     this.lastText = text;
@@ -111,7 +111,7 @@ export class Target {
     const known = Number.isFinite(p[0] + q[0]);
     this.plug.visible = known;
     if (known) {
-      this.plug.position.set(p[0] * UNIT, p[1] * UNIT, p[2] * UNIT);
+      this.plug.position.set(p[0] * UNITS_PER_M, p[1] * UNITS_PER_M, p[2] * UNITS_PER_M);
       this.plug.quaternion.set(...q);
     }
     this.arrows.forEach((arrow, k) => this.contact(arrow, k, Array.from(contacts.subarray(8 * k, 8 * k + 8))));
@@ -126,22 +126,22 @@ export class Target {
     this.stage.touch();
   }
 
-  /** Where the plug is in the picture, in metres. */
+  /** Drawn position of the plug [m]. */
   get place(): Vector {
-    return this.plug.position.toArray().map((x) => x / UNIT) as Vector;
+    return this.plug.position.toArray().map((x) => x / UNITS_PER_M) as Vector;
   }
 
   private contact(arrow: Arrow, k: number, [bent, place, x, y, z, fx, fy, fz]: number[]): void {
     const beam = this.beams[k];
     if (!this.scene || !beam || !Number.isFinite(bent!)) return arrow.hide();
     this.bent[k] = this.bend(beam, bent!, place!);
-    const force = new Vector3(fx, fy, fz).multiplyScalar(LONGEST / this.scene.force);
-    // The arrow's point is where the hook pushes: it lies beside the plug, not inside it.
-    const tip = new Vector3(x, y, z).multiplyScalar(UNIT);
+    const force = new Vector3(fx, fy, fz).multiplyScalar(MAX_ARROW_UNITS / this.scene.force);
+    // The arrow ends at the contact, so that it lies beside the plug, not inside.
+    const tip = new Vector3(x, y, z).multiplyScalar(UNITS_PER_M);
     arrow.point(tip.sub(force), force, this.stage.camera);
   }
 
-  /** Bend the beam so that it gives way by `bent` at `place` from its root; how far its tip goes. */
+  /** Bend the beam by `bent` at the distance `place` from its root; returns the deflection of its tip. */
   private bend({ put, side }: Beam, bent: number, place: number): number {
     const { along, section, back, root, width, at, bends } = this.scene!;
     let k = 0;
@@ -152,14 +152,14 @@ export class Target {
     let last = 0;
     along.forEach((s, i) => {
       const aside = (last = bent * (low[i]! * (1 - share) + high[i]! * share));
-      const outer = side * (back + aside) * UNIT;
-      const inner = side * (back - section[i]! + aside) * UNIT;
-      put(i, (root + s) * UNIT, inner, outer, (width / 2) * UNIT);
+      const outer = side * (back + aside) * UNITS_PER_M;
+      const inner = side * (back - section[i]! + aside) * UNITS_PER_M;
+      put(i, (root + s) * UNITS_PER_M, inner, outer, (width / 2) * UNITS_PER_M);
     });
     return last;
   }
 
-  private beam(scene: TargetScene, side: number): Beam {
+  private beam(scene: ObjectScene, side: number): Beam {
     const strip = this.strip(scene.along.length, this.metal);
     this.socket.add(strip.mesh);
     const beam = { ...strip, side };
@@ -167,19 +167,19 @@ export class Target {
     return beam;
   }
 
-  /** A prism with that outline on both sides, and a grip at its outer end. */
+  /** Prism with a symmetric outline, and a grip at its outer end. */
   private part(outline: [number, number][], depth: number): Mesh[] {
-    const z = (0.75 * depth * UNIT) / 2;
+    const z = (0.75 * depth * UNITS_PER_M) / 2;
     const { mesh, put } = this.strip(outline.length, this.plastic);
-    outline.forEach(([x, y], i) => put(i, x * UNIT, -y * UNIT, y * UNIT, z));
+    outline.forEach(([x, y], i) => put(i, x * UNITS_PER_M, -y * UNITS_PER_M, y * UNITS_PER_M, z));
     const [end, half] = outline.at(-1)!;
     const widest = Math.max(...outline.map(([, y]) => y), half);
-    const grip = new BoxGeometry(6e-3 * UNIT, 2.9 * widest * UNIT, 2.8 * z);
-    grip.translate((end + 3e-3) * UNIT, 0, 0);
+    const grip = new BoxGeometry(6e-3 * UNITS_PER_M, 2.9 * widest * UNITS_PER_M, 2.8 * z);
+    grip.translate((end + 3e-3) * UNITS_PER_M, 0, 0);
     return [mesh, new Mesh(grip, this.plastic)];
   }
 
-  /** A bar of rectangular section with `n` stations, each put by its place, two sides and half depth. */
+  /** Bar of rectangular cross-section with `n` stations; `put` sets a station's position, sides and half depth. */
   private strip(n: number, material: MeshLambertMaterial): Strip {
     const geometry = new BufferGeometry();
     const positions = new BufferAttribute(new Float32Array(12 * n), 3);
@@ -207,16 +207,16 @@ export class Target {
     };
   }
 
-  private housing({ root, back, section, width, floor, hooks }: TargetScene): void {
+  private housing({ root, back, section, width, floor, hooks }: ObjectScene): void {
     const plate = Math.min(root, floor);
     const box = (from: number, to: number, low: number, high: number): void => {
       if (to - from < 1e-6 || high - low < 1e-6) return;
-      const geometry = new BoxGeometry((to - from) * UNIT, (high - low) * UNIT, 1.15 * width * UNIT);
-      geometry.translate(((from + to) / 2) * UNIT, ((low + high) / 2) * UNIT, 0);
+      const geometry = new BoxGeometry((to - from) * UNITS_PER_M, (high - low) * UNITS_PER_M, 1.15 * width * UNITS_PER_M);
+      geometry.translate(((from + to) / 2) * UNITS_PER_M, ((low + high) / 2) * UNITS_PER_M, 0);
       this.socket.add(new Mesh(geometry, this.wall));
     };
-    const outer = back + WALL;
-    box(plate - WALL, plate, -outer, outer);
+    const outer = back + WALL_THICKNESS_M;
+    box(plate - WALL_THICKNESS_M, plate, -outer, outer);
     box(plate, floor, -(back - section[0]!) * 0.9, (back - section[0]!) * 0.9);
     for (const side of hooks === 2 ? [1, -1] : [1]) {
       const [low, high] = [side * (back - section[0]! - 0.3e-3), side * outer].sort((a, b) => a - b) as [number, number];

@@ -1,9 +1,9 @@
-// Light on a body for pictures that the page draws itself: what three's shaders for Lambert and Phong materials compute.
+// Lighting for the software renderer: the same as in the Lambert and Phong shaders of three.js.
 
 import { type Color, type DirectionalLight, type HemisphereLight, type MeshLambertMaterial, MeshPhongMaterial, Vector3 } from "three";
 
-/** Sky and sun on one material, by the formulas of three's own shaders. */
-export class Lamp {
+/** Hemisphere and directional light on one material, by the formulas of the shaders of three.js. */
+export class Lighting {
   private readonly up = new Vector3();
   private readonly towardsSun = new Vector3();
   private readonly view = new Vector3();
@@ -24,7 +24,7 @@ export class Lamp {
     this.shininess = material instanceof MeshPhongMaterial ? material.shininess : 0;
   }
 
-  /** Red, green and blue, 0…255, of a place with `normal`, which points out of the body. */
+  /** RGB colour (0…255) at the point `at` with outward `normal`. */
   colour(at: Vector3, normal: Vector3): [number, number, number] {
     this.view.subVectors(this.eye, at).normalize();
     const upward = 0.5 * normal.dot(this.up) + 0.5;
@@ -38,20 +38,20 @@ export class Lamp {
       gloss = 0.25 * (0.5 * this.shininess + 1) * Math.max(0, normal.dot(this.half)) ** this.shininess;
     }
     for (let k = 0; k < 3; k++) {
-      const part = PARTS[k]!;
-      const sun = this.sun.color[part] * this.sun.intensity * facing;
-      const sky = (this.sky.groundColor[part] * (1 - upward) + this.sky.color[part] * upward) * this.sky.intensity;
-      const mirror = this.specular ? (this.specular[part] * (1 - grazing) + grazing) * gloss : 0;
-      this.out[k] = shade((this.material.color[part] * (sky + sun) + mirror * sun) / Math.PI);
+      const channel = CHANNELS[k]!;
+      const sun = this.sun.color[channel] * this.sun.intensity * facing;
+      const sky = (this.sky.groundColor[channel] * (1 - upward) + this.sky.color[channel] * upward) * this.sky.intensity;
+      const mirror = this.specular ? (this.specular[channel] * (1 - grazing) + grazing) * gloss : 0;
+      this.out[k] = encodeSrgb((this.material.color[channel] * (sky + sun) + mirror * sun) / Math.PI);
     }
     return this.out;
   }
 }
 
-const PARTS = ["r", "g", "b"] as const;
+const CHANNELS = ["r", "g", "b"] as const;
 
-/** Linear light to what a screen wants, 0…255. */
-function shade(light: number): number {
+/** Convert linear light to sRGB, 0…255. */
+function encodeSrgb(light: number): number {
   if (light >= 1) return 255;
   return 255 * (light <= 0.0031308 ? 12.92 * light : 1.055 * light ** (1 / 2.4) - 0.055);
 }

@@ -1,5 +1,5 @@
-// Coils anywhere, and a tool with magnets over a level plate: coil arrays without a dome. The tool is dragged along the
-// plate at the height at which it is; wheel and keys lift or press it.
+// Drawing of a coil array with a plate: coils, and a tool with magnets over a horizontal plate. Dragging moves the tool
+// at constant height; wheel and keys lift or press it.
 
 import {
   BufferGeometry,
@@ -15,21 +15,21 @@ import {
 } from "three";
 import type { Sample } from "../sample";
 import type { PlateScene, Session } from "../session";
-import { css, mapped, onThemeChange } from "../theme";
-import { AxesSubject } from "./axes_subject";
+import { css, mapColour, onThemeChange } from "../theme";
+import type { HandGoal } from "../wire";
+import { AxesDrawing } from "./axes_drawing";
 import { intersectLevelPlane } from "./drag";
 import { ArrayTool } from "./mover_drawing";
 import { partsOf, placePart } from "./parts";
 import type { Stage } from "./stage";
-import type { Wish } from "./subject";
 
-const MM = 1000;
-const DEEPEST = -6e-3; // m: how far a hand may press into the plate
-const HIGHEST = 6e-3; // m: how far it may lift the tool beyond the height at which forces are rendered
-const STEP = 1e-3; // m per step of a key or of the wheel
-const SEEN = 0.04; // share of the greatest current that can be told from the next
+const MM_PER_M = 1000;
+const MIN_LIFT_M = -6e-3; // hand goal below contact
+const MAX_LIFT_M = 6e-3; // hand goal above the height up to which forces are rendered
+const KEY_STEP_M = 1e-3; // also of the wheel
+const MIN_VISIBLE_CHANGE = 0.04; // of the current, relative to full colour
 
-/** Coils where they are, in the colours of their currents, and the edge of the workspace on the plate. */
+/** Coils, coloured by current, and the edge of the workspace on the plate. */
 class Board {
   readonly group = new Group();
   private readonly coils: Mesh<BufferGeometry, MeshLambertMaterial>[];
@@ -45,27 +45,27 @@ class Board {
     this.coils = partsOf(scene, "coil").map(
       (coil) => placePart(coil, new MeshLambertMaterial(), 40) as Mesh<BufferGeometry, MeshLambertMaterial>,
     );
-    const [x, y] = scene.half_width.map((side) => side * MM) as [number, number];
-    const z = scene.height * MM;
+    const [x, y] = scene.half_width.map((side) => side * MM_PER_M) as [number, number];
+    const z = scene.height * MM_PER_M;
     const corners = [[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]].flat();
     const edge = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
     const rim = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(corners, 3));
     this.group.add(...this.coils, new LineLoop(rim, edge));
-    const dress = (): void => {
+    const applyTheme = (): void => {
       edge.color.set(css("--text"));
       this.coils.forEach((_, k) => this.paint(k));
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
-  /** The coils take the colours of `currents` [A]; true if one looks different now. */
+  /** Colour the coils by `currents` [A]; returns whether a colour changed visibly. */
   glow(currents: ArrayLike<number>): boolean {
     let different = false;
     this.coils.forEach((_, k) => {
       const share = (currents[k] || 0) / this.range;
-      if (Math.abs(share - (this.shares[k] ?? 0)) < SEEN) return;
+      if (Math.abs(share - (this.shares[k] ?? 0)) < MIN_VISIBLE_CHANGE) return;
       this.shares[k] = share;
       this.paint(k);
       different = true;
@@ -74,12 +74,12 @@ class Board {
   }
 
   private paint(k: number): void {
-    const [r, g, b] = mapped(this.shares[k] ?? 0);
+    const [r, g, b] = mapColour(this.shares[k] ?? 0);
     this.coils[k]!.material.color.copy(this.colour.setRGB(r / 255, g / 255, b / 255, SRGBColorSpace));
   }
 }
 
-export class PlateSubject extends AxesSubject {
+export class PlateDrawing extends AxesDrawing {
   override readonly hint = "drag the tool";
   override readonly keys = [
     ["← → ↑ ↓", "move the tool along the plate by 1 mm as seen here (with Shift: 5 mm)"],
@@ -114,36 +114,36 @@ export class PlateSubject extends AxesSubject {
     super.forget();
   }
 
-  /** In the level plane through the tool. */
-  override drag(x: number, y: number): Wish {
+  /** Drag in the horizontal plane through the tool. */
+  override drag(x: number, y: number): HandGoal {
     this.grasped = true;
-    const to = intersectLevelPlane(this.stage.ray(x + this.slip.x, y + this.slip.y), this.wish.z * MM)?.divideScalar(MM);
-    if (to) this.wish.set(to.x, to.y, this.wish.z);
-    return this.boundWish();
+    const to = intersectLevelPlane(this.stage.ray(x + this.grabOffset.x, y + this.grabOffset.y), this.handGoal.z * MM_PER_M)?.divideScalar(MM_PER_M);
+    if (to) this.handGoal.set(to.x, to.y, this.handGoal.z);
+    return this.clampHandGoal();
   }
 
-  override press(notches: number): Wish {
+  override press(notches: number): HandGoal {
     this.grasped = true;
-    this.wish.z += notches * STEP;
-    return this.boundWish();
+    this.handGoal.z += notches * KEY_STEP_M;
+    return this.clampHandGoal();
   }
 
-  override nudge(right: number, up: number): Wish {
+  override nudge(right: number, up: number): HandGoal {
     this.grasped = true;
     const { matrixWorld } = this.stage.camera;
     const across = new Vector3().setFromMatrixColumn(matrixWorld, 0).setZ(0).normalize();
-    this.wish.addScaledVector(across, right * STEP);
-    this.wish.addScaledVector(new Vector3(-across.y, across.x, 0), up * STEP);
-    return this.boundWish();
+    this.handGoal.addScaledVector(across, right * KEY_STEP_M);
+    this.handGoal.addScaledVector(new Vector3(-across.y, across.x, 0), up * KEY_STEP_M);
+    return this.clampHandGoal();
   }
 
-  private boundWish(): Wish {
+  private clampHandGoal(): HandGoal {
     const { half_width, contact_height, thickness } = this.plate;
     const [x, y] = half_width;
-    this.wish.clamp(
-      new Vector3(-x, -y, contact_height + DEEPEST),
-      new Vector3(x, y, contact_height + thickness + HIGHEST),
+    this.handGoal.clamp(
+      new Vector3(-x, -y, contact_height + MIN_LIFT_M),
+      new Vector3(x, y, contact_height + thickness + MAX_LIFT_M),
     );
-    return this.currentWish();
+    return this.currentHandGoal();
   }
 }

@@ -1,4 +1,4 @@
-// Where the hand wants the tool: a faint ring, and a thread from the tool to it. The gap is what one feels.
+// Marker of the hand goal: a faint ring, and a dashed line from the mover to it, whose length shows the deviation.
 
 import {
   BufferAttribute,
@@ -13,12 +13,12 @@ import {
 } from "three";
 import { css, onThemeChange } from "../theme";
 
-const MM = 1000;
+const MM_PER_M = 1000;
 
-export class Goal {
+export class HandGoalMarker {
   readonly group = new Group();
   private readonly ring: Mesh<TorusGeometry, MeshBasicMaterial>;
-  private readonly thread: Line<BufferGeometry, LineDashedMaterial>;
+  private readonly line: Line<BufferGeometry, LineDashedMaterial>;
   private readonly up = new Vector3(0, 0, 1);
 
   constructor(changed: () => void) {
@@ -28,34 +28,34 @@ export class Goal {
     );
     this.ring.renderOrder = 4;
     const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array(6), 3));
-    this.thread = new Line(
+    this.line = new Line(
       geometry,
       new LineDashedMaterial({ transparent: true, opacity: 0.8, dashSize: 1.2, gapSize: 0.8, depthTest: false }),
     );
-    this.thread.renderOrder = 4;
-    this.thread.frustumCulled = false;
-    this.group.add(this.ring, this.thread);
+    this.line.renderOrder = 4;
+    this.line.frustumCulled = false;
+    this.group.add(this.ring, this.line);
     this.group.visible = false;
-    const dress = (): void => {
+    const applyTheme = (): void => {
       this.ring.material.color.set(css("--goal"));
-      this.thread.material.color.set(css("--goal"));
+      this.line.material.color.set(css("--goal"));
       changed();
     };
-    onThemeChange(dress);
-    dress();
+    onThemeChange(applyTheme);
+    applyTheme();
   }
 
-  /** Goal and tool in metres; the ring lies across the radius, or is `level`. */
+  /** Set hand goal and mover position [m]; the ring is normal to the radius, or horizontal if `level`. */
   move(goal: readonly number[], tool: readonly number[], level = false): void {
     this.group.visible = Number.isFinite(goal[0]! + tool[0]!);
     if (!this.group.visible) return;
-    this.ring.position.set(goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
+    this.ring.position.set(goal[0]! * MM_PER_M, goal[1]! * MM_PER_M, goal[2]! * MM_PER_M);
     this.ring.quaternion.setFromUnitVectors(this.up, level ? this.up : this.ring.position.clone().normalize());
-    const ends = this.thread.geometry.getAttribute("position") as BufferAttribute;
-    ends.setXYZ(0, goal[0]! * MM, goal[1]! * MM, goal[2]! * MM);
-    ends.setXYZ(1, tool[0]! * MM, tool[1]! * MM, tool[2]! * MM);
+    const ends = this.line.geometry.getAttribute("position") as BufferAttribute;
+    ends.setXYZ(0, goal[0]! * MM_PER_M, goal[1]! * MM_PER_M, goal[2]! * MM_PER_M);
+    ends.setXYZ(1, tool[0]! * MM_PER_M, tool[1]! * MM_PER_M, tool[2]! * MM_PER_M);
     ends.needsUpdate = true;
-    this.thread.geometry.computeBoundingBox();
-    this.thread.computeLineDistances();
+    this.line.geometry.computeBoundingBox();
+    this.line.computeLineDistances();
   }
 }
