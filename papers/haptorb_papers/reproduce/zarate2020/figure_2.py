@@ -24,7 +24,7 @@ from haptorb.worlds.dome import Dome
 from haptorb.worlds.terrain import Terrain
 from haptorb_papers.reproduce.item import Basis, Item
 from haptorb_papers.reproduce.registry import Drawing
-from haptorb.simulation.truth import true_wrench
+from haptorb_papers.reproduce.zarate2020.true_wrench import true_wrench
 
 __all__ = ["compute_given_forces", "items", "radial_zero", "tilt_force_map"]
 

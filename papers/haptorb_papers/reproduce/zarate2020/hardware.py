@@ -15,7 +15,7 @@ from haptorb_papers.reproduce.entry import Entry, read_count, read_entry
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Report
 from haptorb_papers.reproduce.zarate2020.forces import drive_fully
-from haptorb.simulation.truth import true_wrench
+from haptorb_papers.reproduce.zarate2020.true_wrench import true_wrench
 
 __all__ = ["items"]
 
