@@ -104,7 +104,9 @@ class WorldVerdict(NotebookReport):
     part: WrenchPart | None = None  #: rendered part of the wrench; None if there is no choice
     turning: WorldVerdict | None = None  #: verdict on the torque, if force and torque are rendered
 
-    printer: ClassVar[str] = "haptorb.cli.check_world:print_world"
+    def show(self, console: Console) -> None:
+        """Print the report on `console`."""
+        print_world(self, console)
 
     def _summarize(self) -> str:
         margin = "has no slopes" if math.isinf(self.margin) else f"could be {self.margin:.3g} times stronger"
