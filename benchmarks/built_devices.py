@@ -22,8 +22,9 @@ from error_budget import draw_direction
 from haptorb.arrays import Array
 from haptorb.cli.calibration_measurement import Pace, hold_tool
 from haptorb.control.allocation import force_allocator
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State, rotation_to_axis
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.simulation.electromagnet import SimulatedElectromagnet

@@ -21,7 +21,8 @@ from error_budget import Errors, NoWrench, Trial, print_coverage, run_loop, try_
 from haptorb.cli.calibration_dialog import check_steps, guide_calibration
 from haptorb.cli.calibration_measurement import Pace, hold_tool, make_driver
 from haptorb.cli.error_report import report_errors
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.api import electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.registry import make_estimator

@@ -27,8 +27,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from haptorb.arrays import Array
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.estimation.registry import make_estimator

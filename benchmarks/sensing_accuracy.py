@@ -28,8 +28,9 @@ from changed_readings import ChangedReadings
 from haptorb.arrays import Array
 from haptorb.cli.calibration_dialog import check_steps, guide_calibration
 from haptorb.cli.calibration_measurement import Pace, hold_tool
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.calibration_file import Calibration
 from haptorb.estimation.hall_tracker import HallTracker

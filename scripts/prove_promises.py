@@ -79,7 +79,7 @@ BREAKS = (
     Break("Every end of a run", "python benchmarks/safety/ends.py --ends 1000", "stop-first", "--ends 7 --boards sim"),
     Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
-    Break("A child process runs nothing", "pytest tests/cluster/test_python_process.py", "no-current-folder"),
+    Break("A child process runs nothing", "pytest tests/test_child_process.py", "no-current-folder"),
     Break(
         "A server, recorder or servo",
         'pytest tests/runtime/servo/test_ends.py -k "hangs_while or full"',

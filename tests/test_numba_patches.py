@@ -1,13 +1,16 @@
-"""Without patches of numba's internals the program runs, and computes the same."""
+"""Patches of numba's internals change no result, and without them the program runs and computes the same."""
 
 from __future__ import annotations
 
 import json
+import math
+import operator
 import os
 import re
 import subprocess
 import sys
 import tomllib
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,9 @@ import numpy as np
 import pytest
 
 from haptorb._numba_patches import NEWEST, is_patched
+from haptorb.arrays import Array, Record
+from haptorb.compiled import load_compiler
+from haptorb.estimation import hall_tracker
 
 PLAIN = "HAPTORB_PLAIN_NUMBA"
 
@@ -174,3 +180,79 @@ def _run(*words: str, plain: str, cache: Path) -> Any:
     done = subprocess.run([sys.executable, *words], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode in ((0, 1) if "replay" in words else (0,)), done.stderr
     return json.loads(done.stdout)
+
+
+# --------------------------------------------------------------------------------------------------
+# Cached argument types of an operation are those that numba infers.
+
+
+TWO = (operator.add, operator.mul, operator.truediv, operator.lt, operator.eq, operator.getitem, operator.iadd,
+       math.atan2, max)  # fmt: skip
+ONE = (operator.neg, operator.not_, math.sqrt, abs, len)
+
+
+@pytest.mark.parametrize("operation", TWO + ONE, ids=lambda operation: operation.__name__)
+def test_first_and_later_answers_are_numba_s(operation: Any) -> None:
+    load_compiler()
+    from numba import types
+    from numba.core.errors import NumbaError
+    from numba.core.registry import cpu_target
+    from numba.core.types.functions import BaseFunction
+
+    context = cpu_target.typing_context
+    context.refresh()
+    function = context.resolve_value_type(operation)
+    kinds = (types.float64, types.int64, types.boolean, types.IntegerLiteral(3), types.float64[::1], types.float64[:],
+             types.float64[:, ::1], types.unicode_type)  # fmt: skip
+
+    def find(how: Any, args: Any) -> Any:
+        try:
+            found = how(function, context, args, {})
+        except (NumbaError, AttributeError):  # the latter: numba of what nobody adds in place
+            return None
+        return found, function.get_impl_key(found)
+
+    found = 0
+    for args in product(kinds, repeat=2 if operation in TWO else 1):
+        expected = find(BaseFunction.get_call_type.__wrapped__, args)
+        for _ in range(2):
+            answer = find(BaseFunction.get_call_type, args)
+            assert (answer and answer[0]) == (expected and expected[0])
+        found += answer is not None
+    assert found
+
+
+# --------------------------------------------------------------------------------------------------
+# Results of a kernel do not depend on the kernels loaded before.
+
+
+@pytest.fixture(scope="module")
+def library() -> Any:
+    """Of a kernel that is compiled here, and not loaded, and that calls others which are too long to be inlined."""
+    load_compiler()
+    from numba import njit
+
+    compiled: Any = njit(hall_tracker.extrapolate_pose.py_func)  # type: ignore[attr-defined]
+    believed: Record = np.zeros(1, hall_tracker.FILTER)[0]
+    believed["axis"] = 0.0, 0.0, 1.0
+    told: tuple[Array, ...] = np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)
+    compiled(believed, 1e-3, *told)
+    (result,) = compiled.overloads.values()
+    return result.library
+
+
+def list_defined(module: Any) -> list[tuple[str, str]]:
+    """Name and linkage of each function that has code in `module`."""
+    return [(one.name, one.linkage.name) for one in module.functions if not one.is_declaration]
+
+
+def test_a_kernel_calls_its_own_copies_of_others(library: Any) -> None:
+    defined = list_defined(library._final_module)
+    seen = [name for name, linkage in defined if linkage != "internal"]
+    assert seen
+    assert [name for name in seen if "extrapolate_pose" not in name] == []
+    assert any("axis_frame" in name or "predict" in name for name, linkage in defined if linkage == "internal")
+
+
+def test_others_are_compiled_from_it_as_ever(library: Any) -> None:
+    assert {linkage for _, linkage in list_defined(library._get_module_for_linking())} == {"linkonce_odr"}

@@ -1,4 +1,4 @@
-"""Euler angles of the spherical motor: tilt first, then spin about the body's own axis."""
+"""Rotations: Euler angles of the spherical motor (tilt first, then spin about the body's own axis), and quaternions."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from haptorb.errors import InputError
-from haptorb.rotations import rotation_from_euler
+from haptorb.rotations import product, quaternion, rotate, rotation_from_euler, rotation_of
 
 angle = st.floats(-np.pi, np.pi)
 
@@ -31,3 +31,29 @@ def test_angles_broadcast():
 def test_bad_angles_are_refused(bad):
     with pytest.raises(InputError, match=r"psi|lam|phi"):
         rotation_from_euler(*bad)
+
+
+# --------------------------------------------------------------------------------------------------
+# Unit quaternions against rotation matrices.
+
+
+HALF_TURNS = [Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis)) for axis in
+              [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, -1), (1, 1, 1)]]  # fmt: skip
+
+
+@given(st.integers(0, 10**6))
+def test_they_turn_as_matrices_do(seed: int) -> None:
+    a, b = Rotation.random(2, random_state=seed)
+    v = np.random.default_rng(seed).normal(size=3)
+    p, q = quaternion(a.as_matrix()), quaternion(b.as_matrix())
+    assert np.allclose(Rotation.from_quat(p).as_matrix(), a.as_matrix(), atol=1e-12)
+    assert np.allclose(rotation_of(p), a.as_matrix(), atol=1e-12)
+    assert np.allclose(rotate(p, v), a.apply(v), atol=1e-12)
+    assert np.allclose(rotate(product(p, q), v), (a * b).apply(v), atol=1e-12)
+
+
+def test_half_turns_lose_nothing() -> None:
+    for turn in HALF_TURNS:
+        for tilt in (0.0, 1e-9, -1e-9):
+            R = (turn * Rotation.from_rotvec([tilt, 0.0, 0.0])).as_matrix()
+            assert np.allclose(Rotation.from_quat(quaternion(R)).as_matrix(), R, atol=1e-12)

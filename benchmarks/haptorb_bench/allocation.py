@@ -9,8 +9,9 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.allocation import MinimumPowerAllocator
+from haptorb.devices.api import motor, torque_characteristic
 from haptorb.devices.base import WrenchMap
-from haptorb.devices.motor import motor, torque_characteristic, workspace_sample
+from haptorb.devices.motor import workspace_sample
 from haptorb_bench.contest import measure_fastest
 from haptorb_bench.result import Metric
 

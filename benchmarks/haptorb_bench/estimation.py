@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from haptorb.devices.motor import motor
+from haptorb.devices.api import motor
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import FieldToTorque, LinearTorque, NetworkTorque, train, workspace_grid
 from haptorb.estimation.types import Estimator, Pose, Sample

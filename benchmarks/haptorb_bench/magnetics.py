@@ -13,8 +13,8 @@ from importlib.util import find_spec
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import motor, sensor_field, torque_characteristic
 from haptorb.devices.loader import load
-from haptorb.devices.motor import motor, sensor_field, torque_characteristic
 from haptorb.devices.motor_wrench_map import exact_field, exact_torque
 from haptorb.rotations import rotation_from_euler
 from haptorb_bench import peers

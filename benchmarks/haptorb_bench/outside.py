@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from haptorb.cluster import python_command
+from haptorb.child_process import python_command
 from haptorb_bench.result import Metric
 
 __all__ = ["console", "loop", "serial", "study"]

@@ -12,7 +12,7 @@ from time import monotonic, process_time, sleep
 
 import haptorb
 from haptorb import worlds
-from haptorb.cluster import python_command
+from haptorb.child_process import python_command
 from haptorb.errors import HaptorbError
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout

@@ -9,8 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from haptorb import worlds
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device
-from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import list_estimators
 from haptorb.estimation.sensor_calibration import without_errors

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from haptorb.arrays import Array
-from haptorb.devices.motor import motor
+from haptorb.devices.api import motor
 from haptorb.estimation.network import fit_weights, workspace_grid
 from haptorb_bench.result import Metric
 

@@ -21,8 +21,9 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.protection import Protection
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device, State, WrenchMap, endurance
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Estimate, Pose, Sample
 from haptorb.thermal import ThermalNetwork

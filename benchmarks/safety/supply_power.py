@@ -28,9 +28,9 @@ from haptorb.control.array_allocation import array_choice
 from haptorb.control.guard import limit_currents
 from haptorb.control.protection import Protection
 from haptorb.control.trip_reasons import GuardState
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device, State, WrenchMap
 from haptorb.devices.coil_array import CoilArray
-from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
 
 PER_POSE = 500

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.cluster import count_cores
+from haptorb.child_process import count_cores
 from haptorb_study.analysis.comparison import compare_conditions
 from haptorb_study.set_points import directions
 from haptorb_study.statistics.information import transfer_information

@@ -18,7 +18,7 @@ from multiprocessing import get_context
 import numpy as np
 from scipy.stats import nct, t
 
-from haptorb.cluster import count_cores
+from haptorb.child_process import count_cores
 from haptorb_study.analysis.analysis import analyse
 from haptorb_study.simulated.pool import answer_study, list_columns, simulate_value
 from haptorb_study.simulated.power import power_of

@@ -20,7 +20,7 @@ from sphinx.pycode import ModuleAnalyzer
 import haptorb
 
 #: the packages with public names
-PUBLIC = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb.testing",
+PUBLIC = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.kinds", "haptorb.magnetics", "haptorb.testing",
           "haptorb_study", "haptorb_design")  # fmt: skip
 PACKAGES = ("haptorb_design", "haptorb_study")  #: beside haptorb
 _FOUND = sorted(found.name for found in pkgutil.iter_modules(haptorb.__path__))
@@ -32,7 +32,7 @@ _INTRODUCTION = """
 Public API
 ==========
 
-These seven packages are the public API of haptorb: what the documentation uses is imported from them. A name's module
+These eight packages are the public API of haptorb: what the documentation uses is imported from them. A name's module
 is loaded when the name is first used.
 
 All other modules are internal and may change without notice.

@@ -1,7 +1,7 @@
 """haptorb: design, simulate and run spherical electromagnetic haptic devices.
 
-Public names are here and in `haptorb.worlds`, `haptorb.devices`, `haptorb.magnetics`, `haptorb.testing`,
-`haptorb_study` and `haptorb_design`. All other modules are internal.
+Public names are here and in `haptorb.worlds`, `haptorb.devices`, `haptorb.kinds`, `haptorb.magnetics`,
+`haptorb.testing`, `haptorb_study` and `haptorb_design`. All other modules are internal.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ if TYPE_CHECKING:
     from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
     from haptorb.cli.error_report import report_errors as inspect_errors
     from haptorb.control.trip_reasons import CoilState
-    from haptorb.devices.api import wrench_map
+    from haptorb.devices.api import field, sensor_field, torque_characteristic, wrench_map
     from haptorb.devices.base import Device, State, WrenchMap
     from haptorb.devices.loader import load
-    from haptorb.devices.motor import field, sensor_field, torque_characteristic
     from haptorb.errors import (
         CalibrationError,
         DeviceError,
@@ -98,10 +97,9 @@ _get, __dir__ = lazy_names(
         "haptorb.analysis.stability": "GRIPS HandGrip SampledLoop",
         "haptorb.cli.error_report": "report_errors>inspect_errors",
         "haptorb.control.trip_reasons": "CoilState",
-        "haptorb.devices.api": "wrench_map",
+        "haptorb.devices.api": "field sensor_field torque_characteristic wrench_map",
         "haptorb.devices.base": "Device State WrenchMap",
         "haptorb.devices.loader": "load",
-        "haptorb.devices.motor": "field sensor_field torque_characteristic",
         "haptorb.errors": "CalibrationError DeviceError DriverError GeometryError HaptorbError InputError "
         "PlatformError PrecisionError RecordingError RecordingWarning ServoError UnknownName WorldError",
         "haptorb.estimation.types": "Estimate Estimator Pose Sample TrackedPose",

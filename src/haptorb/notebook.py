@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from abc import ABC, abstractmethod
 from io import StringIO
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from haptorb.display import Presentable, pre_html
 
@@ -16,16 +16,12 @@ __all__ = ["NotebookReport"]
 _WIDTH = 110  #: line width in a notebook [characters]
 
 
-class NotebookReport(Presentable):
+class NotebookReport(Presentable, ABC):
     """A report with a summary of one line; in a notebook it is shown as its command prints it."""
 
-    #: "module:function" that prints the report, (report, console) → None, if the class has no method `show`
-    printer: ClassVar[str] = ""
-
+    @abstractmethod
     def show(self, console: Console) -> None:
         """Print the report on `console`."""
-        module, _, name = self.printer.partition(":")
-        getattr(import_module(module), name)(self, console)
 
     def render_text(self, width: int = _WIDTH) -> str:
         """Return the output of `show`, in lines of at most `width` characters without colour."""

@@ -11,7 +11,16 @@ from haptorb.arrays import Array, check_finite
 from haptorb.compiled import kernel
 from haptorb.errors import InputError
 
-__all__ = ["correct_rotation", "logarithm", "product", "quaternion", "rotate", "rotation_from_euler", "turn_by"]
+__all__ = [
+    "correct_rotation",
+    "logarithm",
+    "product",
+    "quaternion",
+    "rotate",
+    "rotation_from_euler",
+    "rotation_of",
+    "turn_by",
+]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -89,6 +98,22 @@ def rotate(q: Array, v: Array) -> Array:
     u = 2.0 * np.cross(q[:3], v)
     out: Array = v + q[3] * u + np.cross(q[:3], u)
     return out
+
+
+def rotation_of(q: Array) -> Array:
+    """Return the rotation matrix (3, 3) of the unit quaternion q (4,).
+
+    >>> rotation_of(np.array([0.0, 0.0, 1.0, 0.0])).diagonal().tolist()      # half a turn about z
+    [-1.0, -1.0, 1.0]
+    """
+    x, y, z, w = q.tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def quaternion(R: Array) -> Array:

@@ -21,43 +21,17 @@ from sqlalchemy.engine import Connection as engine_Connection
 from sqlalchemy.engine import Engine, ExceptionContext, make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
+from haptorb.database_address import mask_password, path_of, url_of
 from haptorb.errors import RecordingError, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import describe_size_limit, open_regular
 
-__all__ = [
-    "BUSY",
-    "ProgramLock",
-    "TableSet",
-    "explain_error",
-    "has_password",
-    "lock_database",
-    "make_engine",
-    "mask_password",
-    "path_of",
-    "url_of",
-]
+__all__ = ["BUSY", "ProgramLock", "TableSet", "explain_error", "lock_database", "make_engine"]
 
 
 BUSY = 10_000  #: time for which a writer waits while another program holds the database [ms]
 _MAX_VALUE_BYTES = 64 * 1024 * 1024  #: largest size of a value
 _CONNECT_TIMEOUT_S = 5  #: connection timeout of a server
-
-
-def url_of(place: str | Path) -> str:
-    """Return `place` as a URL: a path means SQLite.
-
-    >>> url_of("study.db")
-    'sqlite:///study.db'
-    """
-    text = str(place)
-    return text if "://" in text else f"sqlite:///{text}"
-
-
-def path_of(place: str | Path) -> Path | None:
-    """Return the file of a SQLite database, None for a server's."""
-    url = url_of(place)
-    return Path(url.removeprefix("sqlite:///")) if url.startswith("sqlite:///") else None
 
 
 def make_engine(place: str | Path) -> Engine:
@@ -69,11 +43,11 @@ def make_engine(place: str | Path) -> Engine:
         engine = create_engine(url, connect_args=_watched if url.get_backend_name() == "postgresql" else {})
     except ArgumentError as cause:
         raise RecordingError(
-            f"'{place}' is not a database; give a file, or a URL like postgresql://host/name"
+            f"'{mask_password(place)}' is not a database; give a file, or a URL like postgresql://host/name"
         ) from cause
     except ImportError as cause:
         raise RecordingError(
-            f"database {place} needs a driver that is not installed ({cause.name or cause}): "
+            f"database {mask_password(place)} needs a driver that is not installed ({cause.name or cause}): "
             "pip install 'haptorb[study]' brings PostgreSQL's"
         ) from cause
     if engine.dialect.name == "sqlite":
@@ -88,34 +62,6 @@ def lock_database(connection: Connection, family: int) -> None:
         connection.execute(text("BEGIN IMMEDIATE"))  # Python's sqlite3 would begin only at the first change of data
     else:
         connection.execute(text("SELECT pg_advisory_xact_lock(:family, 0)"), {"family": family})
-
-
-_SECRETS = ("password", "sslpassword")  #: query parameters of an address that are secret
-
-
-def has_password(place: str | Path) -> bool:
-    """Whether the address `place` holds a password.
-
-    >>> has_password("postgresql://me:secret@host/name"), has_password("postgresql://me@host/name")
-    (True, False)
-    """
-    with suppress(ArgumentError):
-        url = make_url(url_of(place))
-        return url.password is not None or any(name in url.query for name in _SECRETS)
-    return False
-
-
-def mask_password(place: str | Path) -> str:
-    """Return `place` without the password that a URL may contain.
-
-    >>> mask_password("postgresql://host/name?user=me&password=secret")
-    'postgresql://host/name?password=***&user=me'
-    """
-    if "://" not in str(place):
-        return str(place)
-    url = make_url(url_of(place))
-    hidden = {name: "***" for name in _SECRETS if name in url.query}
-    return url.update_query_dict(hidden).render_as_string().replace("%2A%2A%2A", "***")
 
 
 #: a station that loses power must not hold its session for hours, nor must one that loses its server wait

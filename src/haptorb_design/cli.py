@@ -98,7 +98,7 @@ def store_run(writer: ResultsWriter, found: Iterable[Evaluation], design: Design
 
 def end_run(tally: Tally, into: str, json: bool) -> None:
     """Print the result of a run; exit code 1 if no design is valid."""
-    from haptorb.sql import mask_password
+    from haptorb.database_address import mask_password
 
     if json:
         best = {name: {"number": one.number, "values": dict(one.values), "objectives": dict(one.objectives)}
@@ -117,7 +117,7 @@ def end_run(tally: Tally, into: str, json: bool) -> None:
 
 @contextmanager
 def _explain_interrupt(writer: ResultsWriter, total: int, into: str) -> Iterator[None]:
-    from haptorb.sql import mask_password
+    from haptorb.database_address import mask_password
 
     try:
         yield

@@ -18,11 +18,12 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import Engine, Row
 from sqlalchemy.exc import SQLAlchemyError
 
+from haptorb.database_address import mask_password, path_of
 from haptorb.devices.base import DeviceText
 from haptorb.devices.loader import DeviceTables
 from haptorb.errors import InputError, RecordingError, quote
 from haptorb.file_kind import FileKind
-from haptorb.sql import ProgramLock, TableSet, explain_error, lock_database, mask_password, path_of
+from haptorb.sql import ProgramLock, TableSet, explain_error, lock_database
 from haptorb.version import __version__
 from haptorb_design.problem import (
     Bound,

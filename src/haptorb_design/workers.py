@@ -17,7 +17,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Protocol, final
 
-from haptorb.cluster import count_cores, count_threads, open_cluster, run_jobs, spawn_context
+from haptorb.child_process import count_cores, spawn_context
+from haptorb.cluster import count_threads, open_cluster, run_jobs
 from haptorb.errors import InputError
 from haptorb.own_code import pickle_with_code
 from haptorb.runtime.liveness import StarvedTime

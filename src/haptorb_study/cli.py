@@ -418,7 +418,7 @@ def power(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Estimate how many participants a study needs, with simulated participants."""
-    from haptorb.cluster import count_cores
+    from haptorb.child_process import count_cores
     from haptorb_study.simulated.power import power as estimate_power
     from haptorb_study.statistics.significance import check_test
     from haptorb_study.study_file import read_study
@@ -563,7 +563,7 @@ def _run_in_browser(
     sessions: SessionManager, known: Study, participant: str | None, db: str, driver: str, port: int, pilot: bool,
     where: PageAddress,
 ) -> None:  # fmt: skip
-    from haptorb.sql import mask_password
+    from haptorb.database_address import mask_password
     from haptorb_study.pages.study_server import StudyServer
     from haptorb_study.simulated.forecast import forecast
 

@@ -31,9 +31,10 @@ from sqlalchemy import (
 from sqlalchemy.engine import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
+from haptorb.database_address import mask_password, path_of
 from haptorb.errors import RecordingError
 from haptorb.file_kind import FileKind
-from haptorb.sql import BUSY, ProgramLock, TableSet, explain_error, lock_database, mask_password, path_of
+from haptorb.sql import BUSY, ProgramLock, TableSet, explain_error, lock_database
 from haptorb_study.participant_codes import is_reserved
 from haptorb_study.stored_rows import check_rows
 from haptorb_study.study_file import Study

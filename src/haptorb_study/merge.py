@@ -22,8 +22,9 @@ from typing import Any
 from sqlalchemy import Connection, Row, Table, select
 from sqlalchemy.engine import Engine
 
+from haptorb.database_address import mask_password, url_of
 from haptorb.errors import InputError, RecordingError
-from haptorb.sql import make_engine, mask_password, url_of
+from haptorb.sql import make_engine
 from haptorb_study.data_kind import describe_kind, read_contents
 from haptorb_study.database import (
     contents,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from haptorb.sql import url_of
+from haptorb.database_address import url_of
 from haptorb_study.stored_session import StoredSession
 
 __all__ = ["find_recording_path", "folder_of", "locate_recording", "name_parts", "name_recording"]

@@ -11,7 +11,8 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from haptorb import worlds
 from haptorb.cli.own_code import start_world_file
 from haptorb.devices import schema as m
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.api import electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.schema import explain_mistakes
 from haptorb.errors import InputError

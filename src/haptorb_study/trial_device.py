@@ -9,7 +9,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.trip_reasons import CoilState, GuardState, Trip
-from haptorb.devices.electromagnet import electromagnet
+from haptorb.devices.api import electromagnet
 from haptorb.errors import InputError
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb_study.prompts import Prompt

@@ -15,8 +15,8 @@ from sqlalchemy import func, select, text
 from sqlalchemy.engine import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
+from haptorb.database_address import mask_password
 from haptorb.errors import HaptorbError, RecordingError
-from haptorb.sql import mask_password
 from haptorb_study.columns import read_study
 from haptorb_study.data_kind import check_kind
 from haptorb_study.database import (

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from haptorb.devices.base import KINDS, register
+from haptorb.devices.registry import REGISTERED, register
 from haptorb.runtime.servo import Servo
 from haptorb.web.console import Console
 
@@ -42,7 +42,7 @@ def rail(browser: Any) -> Iterator[tuple[Any, Servo]]:
             yield home.Screen(page, f"{console.origin}/?detail=least#{console.token}"), servo
             page.close()
     finally:
-        del KINDS[kind.name]
+        del REGISTERED[kind.name]
 
 
 def test_drag_the_marker_along_the_rail_and_stop(rail):

@@ -23,7 +23,7 @@ from haptorb_study.export_scripts import make_python_script
 from haptorb_study.study_file import study_of
 from haptorb_study.template import TEMPLATES, make_study_text
 
-PACKAGES = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.magnetics", "haptorb.testing",
+PACKAGES = ("haptorb", "haptorb.worlds", "haptorb.devices", "haptorb.kinds", "haptorb.magnetics", "haptorb.testing",
             "haptorb_study", "haptorb_design")  # fmt: skip
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```py(?:thon)?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
@@ -40,6 +40,8 @@ def programs() -> dict[str, str]:
     }
     examples = sorted((ROOT / "examples").rglob("*.py"))
     found |= {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in examples}
+    kind = ROOT / "tests" / "rail" / "rail.py"  # which the how-to "Add a device" shows as an example
+    found[str(kind.relative_to(ROOT))] = kind.read_text(encoding="utf-8")
     for name in TEMPLATES:
         found[f"analysis of template {name}"] = make_python_script(study_of(make_study_text(name)), "answers.csv")
     return {place: code for place, code in found.items() if code}

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from haptorb.cli.keys import FILES, FileKeys, KeySection
-from haptorb.devices.base import KINDS, kind_of_name
 from haptorb.devices.loader import load
+from haptorb.devices.registry import REGISTERED, kind_of_name
 from haptorb.devices.schema import list_keys
 from haptorb.errors import HaptorbError
 from haptorb.runtime.trackers.formats import MappingFile
@@ -79,7 +79,7 @@ def test_what_another_package_adds_is_listed_and_a_kind_made_in_python_hides_not
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = run_command(capsys, "keys", "device")[1]
-    monkeypatch.setitem(KINDS, "rail", replace(kind_of_name("coil-array"), file=None))
+    monkeypatch.setitem(REGISTERED, "rail", replace(kind_of_name("coil-array"), name="rail"))
     assert run_command(capsys, "keys", "device") == (0, before, "")
     plugged = FileKeys("a rail: haptorb rail FILE", lambda: [KeySection("", tuple(list_keys(MappingFile)))])
     monkeypatch.setitem(FILES, "rail", plugged)

@@ -12,9 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from sqlalchemy import make_url
 
 from haptorb.cli import main
-from haptorb.sql import mask_password
+from haptorb.database_address import has_password, mask_password, url_of
 
 SECRET = "correct-horse-battery"
 _ENCRYPT = (80877103, 80877104)  #: PostgreSQL's codes for "may I speak TLS", "may I speak GSSAPI"
@@ -97,5 +98,43 @@ def test_an_address_with_a_password_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_password_behind_the_question_mark_is_masked() -> None:
-    assert SECRET not in mask_password(f"postgresql://me@host/x?password={SECRET}&sslpassword={SECRET}")
+def test_a_password_is_noticed_where_nothing_for_databases_is_installed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As after `pip install haptorb`: SQLAlchemy comes with the extras only."""
+    monkeypatch.setitem(sys.modules, "sqlalchemy", None)
+    for name in [name for name in sys.modules if name.startswith("sqlalchemy.") or name == "haptorb.sql"]:
+        monkeypatch.delitem(sys.modules, name)
+    assert main(["run", f"postgresql://me:{SECRET}@host/x"]) == 2
+    said = "".join(capsys.readouterr())
+    assert "PGPASSWORD" in said
+    assert SECRET not in said
+
+
+#: address, whether it holds a password, and what is shown of it
+ADDRESSES = [
+    (f"postgresql://me@host/x?password={SECRET}&sslpassword={SECRET}", True,
+     "postgresql://me@host/x?password=***&sslpassword=***"),
+    (f"postgresql://host/x?%70assword={SECRET}", True, "postgresql://host/x?%70assword=***"),
+    (f"postgresql://me:{SECRET}@host:5432/x", True, "postgresql://me:***@host:5432/x"),
+    (f"postgresql://:{SECRET}@/x", True, "postgresql://:***@/x"),
+    (f"postgresql+psycopg://me:a/{SECRET}?@host/x", True, "postgresql+psycopg://me:***@host/x"),
+    ("postgresql://me@host:5432/x?sslmode=require", False, "postgresql://me@host:5432/x?sslmode=require"),
+    ("postgresql://host:5432/x", False, "postgresql://host:5432/x"),
+    ("postgresql://me@[::1]:5432/x", False, "postgresql://me@[::1]:5432/x"),
+    ("study.db", False, "study.db"),
+    ("sqlite:////tmp/me:you@home.db", False, "sqlite:////tmp/me:you@home.db"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("address", "secret", "shown"), ADDRESSES)
+def test_a_password_is_found_and_masked(address: str, secret: bool, shown: str) -> None:
+    assert (has_password(address), mask_password(address)) == (secret, shown)
+    url = make_url(url_of(address))  # which is what connects
+    assert (url.password is not None or bool({"password", "sslpassword"} & set(url.query))) is secret
+
+
+@pytest.mark.parametrize("address", [f"postgresql://me:a@{SECRET}@host/x", f"my own://me:{SECRET}@host:none/x"])
+def test_a_password_is_masked_where_sqlalchemy_finds_none_or_less(address: str) -> None:
+    assert has_password(address)
+    assert SECRET not in mask_password(address)

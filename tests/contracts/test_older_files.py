@@ -16,7 +16,7 @@ from haptorb.devices.base import DeviceText
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import load
 from haptorb.errors import CalibrationError, RecordingError
-from haptorb.estimation.calibration_file import read_calibration
+from haptorb.estimation.calibration_file import read_calibration, read_frame
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
 from haptorb.web.view import find_device
@@ -72,6 +72,15 @@ def test_a_calibration_that_took_coils_for_points_is_refused_for_coils_and_belie
     with pytest.raises(CalibrationError, match=r"treated each coil as a point.* % from those.*haptorb calibrate omni"):
         calibration.apply(device)
     assert calibration.apply(device.with_recorded_models(("exact", "published"))).channels == 3
+
+
+def test_the_frame_of_a_tracker_is_the_same() -> None:
+    frame = read_frame(OLDER / "omni.frame.json")
+    assert (frame.device, frame.tracker, frame.simulated) == ("omni", "osc:19877", True)
+    assert frame.residual == pytest.approx(0.12e-3, abs=1e-5)
+    assert json.loads(frame.text()) == json.loads((OLDER / "omni.frame.json").read_text(encoding="utf-8"))
+    device = load(OLDER / "omni_of_frame.toml", override=True)
+    assert frame.check_for(device, "osc:19877") is frame
 
 
 def test_exact_of_an_earlier_recording_is_point_coils() -> None:

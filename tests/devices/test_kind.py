@@ -17,16 +17,19 @@ from haptorb.cli.cards import card
 from haptorb.cli.check_world import boundary
 from haptorb.control.linkage import make_linkage
 from haptorb.control.registry import describe_choice, has_choice, make_allocator, make_choice
-from haptorb.devices.base import Device, kind_of_name
+from haptorb.devices.api import electromagnet, motor
+from haptorb.devices.base import Device
 from haptorb.devices.coil_array import CoilArray
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
-from haptorb.devices.motor import SphericalMotor, motor
+from haptorb.devices.motor import SphericalMotor
+from haptorb.devices.registry import REGISTERED, kind_of_name
 from haptorb.errors import InputError
 from haptorb.estimation.registry import list_estimators
 from haptorb.simulation.hand_motion import guide_hand
 from haptorb.simulation.registry import simulate
 from haptorb.web.session import describe_scene
+from oracles.command import run_command
 
 CLASSES = (SphericalElectromagnet, SphericalMotor, CoilArray)
 
@@ -126,3 +129,30 @@ def test_a_kind_that_a_script_defines_reaches_the_process_of_the_loop_with_its_i
         [sys.executable, "-c", READER, str(tmp_path / "plan")], check=True, timeout=120, capture_output=True, text=True
     )
     assert read.stdout.split() == ["Mine", "allocate_half"]
+
+
+RAIL = Path(__file__).resolve().parents[1] / "rail"
+
+
+def test_a_kind_of_an_installed_package_is_known_to_the_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    info = tmp_path / "rail_of_a_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rail-of-a-package\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[haptorb.kinds]\nrail = rail_of_a_package:RAIL\nbroken = rail_of_a_package:NOTHING\n"
+    )
+    (tmp_path / "rail_of_a_package.py").write_text((RAIL / "rail.py").read_text(encoding="utf-8"))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(REGISTERED, "rail", raising=False)
+    assert load(RAIL / "rail.toml").kind.title == "magnet on a rail"
+    code, said, error = run_command(capsys, "keys", "device")
+    assert code == 0
+    assert "kind of device 'broken' (rail_of_a_package:NOTHING) cannot be loaded" in error
+    assert "rail.hand_stiffness" in said
+    broken = tmp_path / "broken.toml"
+    broken.write_text((RAIL / "rail.toml").read_text(encoding="utf-8").replace('kind = "rail"', 'kind = "broken"'))
+    code, _, error = run_command(capsys, "inspect", str(broken))
+    assert code == 2
+    assert "kind of device 'broken' (rail_of_a_package:NOTHING) cannot be loaded" in error

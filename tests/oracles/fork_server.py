@@ -47,8 +47,8 @@ def _adopt_orphans(on: bool) -> None:
 
 
 def find_module(command: Sequence[str]) -> list[str]:
-    """Module and arguments of a command of haptorb.cluster.python_command; empty if it is another one."""
-    from haptorb.cluster import _ISOLATED
+    """Module and arguments of a command of haptorb.child_process.python_command; empty if it is another one."""
+    from haptorb.child_process import _ISOLATED
 
     words = list(command)
     if words[:3] == [sys.executable, "-P", "-m"]:

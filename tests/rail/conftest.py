@@ -11,7 +11,8 @@ from types import ModuleType
 import cloudpickle
 import pytest
 
-from haptorb.devices.base import KINDS, register
+from haptorb.devices import register_kind
+from haptorb.devices.registry import REGISTERED
 
 
 def load_rail() -> ModuleType:
@@ -30,9 +31,9 @@ def load_rail() -> ModuleType:
 def rail() -> Iterator[ModuleType]:
     """The module, its kind known to the loader for as long as the tests run."""
     module = load_rail()
-    register(module.RAIL)
+    register_kind(module.RAIL)
     yield module
-    del KINDS[module.RAIL.name]
+    del REGISTERED[module.RAIL.name]
 
 
 @pytest.fixture(scope="session")

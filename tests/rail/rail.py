@@ -12,13 +12,19 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from haptorb import Device, Pose, Sample, Simulation, State, WrenchMap
-from haptorb.control.allocation import Allocator, LeastSquaresAllocator
-from haptorb.control.registry import make_allocator
-from haptorb.devices import DeviceFile, DeviceKind
-from haptorb.devices import quantity as q
-from haptorb.devices.schema import Positive, Section
-from haptorb.simulation.registry import simulate
-from haptorb.web.session import describe_scene
+from haptorb.devices import (
+    Damping,
+    DeviceFile,
+    DeviceKind,
+    Force,
+    Length,
+    Mass,
+    Number,
+    Positive,
+    Section,
+    Stiffness,
+)
+from haptorb.kinds import Allocator, LeastSquaresAllocator, describe_scene, make_allocator, simulate
 
 MU0 = 4e-7 * np.pi
 STEP = 5e-4  #: of the simulation [s]
@@ -123,15 +129,15 @@ def describe_rail(device: Rail) -> dict[str, Any]:
 class RailSection(Section):
     """[rail]"""
 
-    distance: Annotated[q.Length, Positive]
-    radius: Annotated[q.Length, Positive]
-    turns: Annotated[q.Number, Positive]
-    moment: Annotated[q.Number, Positive]
-    travel: Annotated[q.Length, Positive]
-    mass: Annotated[q.Mass, Positive]
-    friction: Annotated[q.Force, Positive]
-    hand_stiffness: Annotated[q.Stiffness, Positive]
-    hand_damping: Annotated[q.Damping, Positive]
+    distance: Annotated[Length, Positive]
+    radius: Annotated[Length, Positive]
+    turns: Annotated[Number, Positive]
+    moment: Annotated[Number, Positive]
+    travel: Annotated[Length, Positive]
+    mass: Annotated[Mass, Positive]
+    friction: Annotated[Force, Positive]
+    hand_stiffness: Annotated[Stiffness, Positive]
+    hand_damping: Annotated[Damping, Positive]
 
 
 class RailFile(DeviceFile):
@@ -144,5 +150,5 @@ class RailFile(DeviceFile):
         return Rail(**self.common(), **self.rail.model_dump(), assumed=assumed, digest=digest)
 
 
-RAIL = DeviceKind(name="rail", title="magnet on a rail", world="wall", file=f"{__name__}:RailFile")
+RAIL = DeviceKind(name="rail", title="magnet on a rail", world="wall", file=RailFile)
 Rail.kind = RAIL

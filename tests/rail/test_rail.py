@@ -13,14 +13,11 @@ import numpy as np
 import pytest
 
 import haptorb
-from haptorb import Servo
-from haptorb.cli.cards import card
+from haptorb import DeviceError, InputError, Recording, Servo, State, UnknownName
 from haptorb.control.linkage import Gains
 from haptorb.control.trip_reasons import GuardState, Trip
-from haptorb.devices.base import DeviceKind, State, register
-from haptorb.devices.loader import parse
-from haptorb.errors import DeviceError, InputError, UnknownName
-from haptorb.recording.recording import Recording
+from haptorb.devices import DeviceKind, parse_device, register_kind
+from haptorb.kinds import card
 from haptorb.web.console import Console
 
 
@@ -46,7 +43,7 @@ def test_its_file_is_read(rail: ModuleType, rail_file: Path):
     assert not force[1:].any()
     wrong = rail_file.read_text().replace('"100 g"', '"100 m"')
     with pytest.raises(DeviceError, match=r"rail\.mass must be a mass"):
-        parse(wrong, "rail")
+        parse_device(wrong, "rail")
 
 
 def test_its_model_agrees_with_the_energy_of_its_magnet(rail: ModuleType, rail_file: Path):
@@ -133,4 +130,4 @@ def test_what_it_does_not_say_is_refused_in_words(rail: ModuleType, rail_file: P
         Servo(device, gains=Gains())
     other = DeviceKind(name="rail", title="another rail", world="wall")
     with pytest.raises(InputError, match="there is a kind of device 'rail' already"):
-        register(other)
+        register_kind(other)

@@ -9,7 +9,7 @@ import pytest
 
 import haptorb
 from haptorb import worlds
-from haptorb.devices.electromagnet import electromagnet
+from haptorb.devices.api import electromagnet
 from haptorb.errors import InputError, UnknownName
 
 PLACES = [[0.0, 0.0, 0.055], [0.0, 0.03, 0.05]]

@@ -78,8 +78,7 @@ def contest():
 
 
 def estimators():
-    from haptorb_papers.estimators.comparison import EstimatorComparison, EstimatorRow
-    from haptorb_papers.estimators.show import print_comparison
+    from haptorb_papers.estimators.comparison import EstimatorComparison, EstimatorRow, print_comparison
 
     rows = tuple(
         EstimatorRow(estimator, disturbance, 0.02134, 1.456e-07, 0.00312, 0.0214, 3.6, angle, 0.125)

@@ -46,7 +46,7 @@ def estimators(
         check_figure_file(plot, "--plot")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; a second thread would only wait in a loop
     from haptorb.cli.progress import build_tables
-    from haptorb.devices.motor import motor
+    from haptorb.devices.api import motor
     from haptorb.estimation.network import check_networks, read_networks
     from haptorb_papers.estimators import compare, plot_comparison, print_comparison
 

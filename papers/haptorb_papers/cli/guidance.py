@@ -49,7 +49,7 @@ def guidance(
         check_figure_file(plot, "--plot")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from haptorb.analysis.stability import GRIPS
-    from haptorb.devices.electromagnet import electromagnet
+    from haptorb.devices.api import electromagnet
     from haptorb.devices.loader import load
     from haptorb.worlds.path import SHAPES
     from haptorb_papers.guidance import compare_guidance, plot_guidance, print_guidance

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from haptorb_papers.estimators.comparison import EstimatorComparison, compare
-from haptorb_papers.estimators.sensor_effects import SensorEffects, find_effects
-from haptorb_papers.estimators.show import (
-    plot_comparison,
-    plot_disturbances,
-    plot_noise,
-    print_comparison,
-    print_effects,
-)
+from haptorb_papers.estimators.comparison import EstimatorComparison, compare, print_comparison
+from haptorb_papers.estimators.sensor_effects import SensorEffects, find_effects, print_effects
+from haptorb_papers.estimators.show import plot_comparison, plot_disturbances, plot_noise
 
 __all__ = [
     "EstimatorComparison",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
 from haptorb.arrays import Array
 from haptorb.cli.training import figure_4, random_workspace, relative_error
@@ -19,6 +20,7 @@ from haptorb.estimation.network import TrainedNetworks
 from haptorb.notebook import NotebookReport
 from haptorb.simulation.hall_sensors import FAILURES, make_halls, read_halls
 from haptorb.simulation.noise_generator import seed_noise
+from haptorb.terminal import Column, TextTable, print_table, print_text
 from haptorb_papers.estimators.contestants import EstimatorOutput, collect_outputs, make_estimators
 
 __all__ = [
@@ -145,7 +147,9 @@ class EstimatorComparison(NotebookReport):
     latency: dict[str, dict[str, float]]  #: [µs] by estimator: p5, median, p95 of one update, warm
     noises: tuple[float, ...] = field(default=(0.0, 1e-5, 1e-4, 1e-3))  #: [T] of the first disturbances
 
-    printer: ClassVar[str] = "haptorb_papers.estimators.show:print_comparison"
+    def show(self, console: Console) -> None:
+        """Print the report on `console`."""
+        print_comparison(self, console)
 
     def _summarize(self) -> str:
         names = ", ".join(self.estimators)
@@ -285,3 +289,45 @@ def orientation_gaps(motor: SphericalMotor, found: Array, true: Array) -> Array:
     cosine = 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1)
     gaps: Array = np.arctan2(np.linalg.norm(vector, axis=1), cosine)
     return gaps
+
+
+# --------------------------------------------------------------------------------------------------
+# Table on a terminal.
+
+
+def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
+    """Print the tables."""
+    table = TextTable(
+        (
+            Column("readings", kind="key"), Column("estimator", kind="key"), Column("NRMSE, Fig. 4", "%"),
+            Column("NRMSE, workspace", "%"), Column("worst", "mN·m/A"), Column("torque error", "mN·m"),
+            Column("torque error", "JND"), Column("orientation error", "°"), Column("refused", "%"),
+        ),
+        f"K of electromagnet {comparison.coil} of '{comparison.device}', and its effect",
+    )  # fmt: skip
+    for disturbance in comparison.disturbances:
+        for number, estimator in enumerate(comparison.estimators):
+            row = comparison.row(estimator, disturbance)
+            table.add_row("" if number else disturbance, estimator, *_cells(row))
+        table.end_section()
+    print_table(console, table)
+    print_text(
+        console,
+        "\nNRMSE: rms error over rms. Torque error: rms error of the actual torque at a commanded 60 mN·m; JND: its "
+        "95th percentile over 12.7 %, the just-noticeable difference.",
+    )
+    for name, times in comparison.latency.items():
+        print_text(console, f"one update of {name}: median {times['median']:.0f} µs, 95 % within {times['p95']:.0f} µs")
+
+
+def _cells(row: EstimatorRow) -> tuple[str, ...]:
+    angle = "not estimated" if np.isnan(row.orientation) else f"{row.orientation:.4f}"
+    return (
+        f"{100 * row.figure_4:.3g}",
+        f"{100 * row.workspace:.3g}",
+        f"{1e3 * row.worst:.3g}",
+        f"{1e3 * row.torque:.3g}",
+        f"{row.jnd:.2g}",
+        angle,
+        f"{100 * row.refused:.3g}",
+    )

@@ -1,4 +1,4 @@
-"""Output of a comparison of estimators: tables on a terminal, and a figure."""
+"""Figure of a comparison of estimators."""
 
 from __future__ import annotations
 
@@ -6,78 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from haptorb.terminal import Column, TextTable, print_table, print_text
-from haptorb_papers.estimators.comparison import EstimatorComparison, EstimatorRow
-from haptorb_papers.estimators.sensor_effects import SensorEffects
+from haptorb_papers.estimators.comparison import EstimatorComparison
 
-__all__ = ["plot_comparison", "plot_disturbances", "plot_noise", "print_comparison", "print_effects"]
+__all__ = ["plot_comparison", "plot_disturbances", "plot_noise"]
 
 #: estimator → colour that people who confuse red and green can tell apart, and marker
 STYLE = {"network": ("#d55e00", "o"), "linear": ("#8a8a8a", "s"), "least-squares": ("#0072b2", "D")}
 INK = "#1a1a1a"
-
-
-def print_comparison(comparison: EstimatorComparison, console: Console) -> None:
-    """Print the tables."""
-    table = TextTable(
-        (
-            Column("readings", kind="key"), Column("estimator", kind="key"), Column("NRMSE, Fig. 4", "%"),
-            Column("NRMSE, workspace", "%"), Column("worst", "mN·m/A"), Column("torque error", "mN·m"),
-            Column("torque error", "JND"), Column("orientation error", "°"), Column("refused", "%"),
-        ),
-        f"K of electromagnet {comparison.coil} of '{comparison.device}', and its effect",
-    )  # fmt: skip
-    for disturbance in comparison.disturbances:
-        for number, estimator in enumerate(comparison.estimators):
-            row = comparison.row(estimator, disturbance)
-            table.add_row("" if number else disturbance, estimator, *_cells(row))
-        table.end_section()
-    print_table(console, table)
-    print_text(
-        console,
-        "\nNRMSE: rms error over rms. Torque error: rms error of the actual torque at a commanded 60 mN·m; JND: its "
-        "95th percentile over 12.7 %, the just-noticeable difference.",
-    )
-    for name, times in comparison.latency.items():
-        print_text(console, f"one update of {name}: median {times['median']:.0f} µs, 95 % within {times['p95']:.0f} µs")
-
-
-def _cells(row: EstimatorRow) -> tuple[str, ...]:
-    angle = "not estimated" if np.isnan(row.orientation) else f"{row.orientation:.4f}"
-    return (
-        f"{100 * row.figure_4:.3g}",
-        f"{100 * row.workspace:.3g}",
-        f"{1e3 * row.worst:.3g}",
-        f"{1e3 * row.torque:.3g}",
-        f"{row.jnd:.2g}",
-        angle,
-        f"{100 * row.refused:.3g}",
-    )
-
-
-def print_effects(effects: SensorEffects, console: Console) -> None:
-    """Print the table of what each error of the field sensors does."""
-    table = TextTable(
-        (
-            Column("errors", kind="key"), Column("orientation error", "°"), Column("torque error", "mN·m"),
-            Column("torque error", "JND"), Column("refused", "%"),
-        ),
-        f"Least squares with the {effects.sensors} field sensors of '{effects.device}'",
-    )  # fmt: skip
-    for row in effects.rows:
-        table.add_row(
-            row.disturbance, f"{np.degrees(row.orientation):.4f}", f"{1e3 * row.torque:.3g}", f"{row.jnd:.2g}",
-            f"{100 * row.refused:.3g}",
-        )  # fmt: skip
-    print_table(console, table)
-    print_text(
-        console,
-        f"\nrms over {effects.orientations} orientations of each of {effects.devices} devices drawn from the device "
-        "file's distributions. Torque error: error of the actual torque at a commanded 60 mN·m; JND: its 95th "
-        "percentile over 12.7 %, the just-noticeable difference.",
-    )
 
 
 def plot_comparison(comparison: EstimatorComparison, path: Path) -> None:

@@ -17,10 +17,11 @@ import numpy as np
 
 from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
 from haptorb.control.linkage import MOTOR_GAINS
+from haptorb.devices.api import electromagnet
 from haptorb.devices.arm import Arm
 from haptorb.devices.base import Device, device_function
 from haptorb.devices.coil_array import CoilArray
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
 from haptorb.display import format_number
 from haptorb.errors import InputError
@@ -52,10 +53,17 @@ __all__ = [
 class HeldMover:
     """Hand and mover combined.
 
-    grip            in the coordinates of the loop: of a rotor, about its centre [kg·m², N·m·s, N·m]
-    move, turn      factors from a stiffness along, or about, the axes of a scene to these coordinates; turn 0: no
-                    torque is rendered
-    strongest       maximum force of the device on the mover [N], for the minimum displacement; inf: no limit
+    Parameters
+    ----------
+    grip : HandGrip
+        Impedance in the coordinates of the loop: of a rotor, about its centre, in [kg·m², N·m·s, N·m].
+    move : float
+        Factor from a stiffness along the axes of a scene to these coordinates [1 for a tool, m² for a rotor].
+    turn : float
+        Factor from a stiffness about the axes of a scene to these coordinates [1/m² for a tool, 1 for a rotor]; 0: no
+        torque is rendered.
+    strongest : float
+        Maximum force of the device on the mover, for the minimum displacement [N]; inf: no limit.
     """
 
     grip: HandGrip
@@ -67,7 +75,25 @@ class HeldMover:
 @device_function
 @singledispatch
 def hold_mover(device: Device, hand: HandGrip) -> HeldMover:
-    """Combine `hand` and mover of `device`, by its kind. InputError for a kind that cannot be coupled to a scene."""
+    """Combine a hand and the mover that it holds, by the kind of device; a scene needs it.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    hand : HandGrip
+        Impedance of the hand.
+
+    Returns
+    -------
+    HeldMover
+        Hand and mover combined.
+
+    Raises
+    ------
+    InputError
+        For a kind that cannot be coupled to a scene.
+    """
     raise InputError(f"device '{device.name}' ({device.kind.title}) has neither a tool nor a rotor for a scene")
 
 

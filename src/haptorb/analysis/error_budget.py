@@ -64,7 +64,15 @@ class ErrorSource(Generic[T]):
 
 @dataclass(frozen=True)
 class Component:
-    """One component of the error for tables; equivalent axes are combined."""
+    """One component of the error for tables; equivalent axes are combined.
+
+    Parameters
+    ----------
+    name : str
+        Name of the component.
+    axes : tuple of int
+        Numbers of its axes in the error (3,) of a trial.
+    """
 
     name: str
     axes: tuple[int, ...]
@@ -73,16 +81,28 @@ class Component:
 class ErrorModel(ABC, Generic[T, P]):
     """Device, sources of error, and the chain from the commanded to the delivered wrench.
 
-    device      its name
-    estimator   of the mover's pose
-    sources     of error, independent of each other
-    regions     names of the regions of the workspace, each with its own budget
-    components  of the error
-    unit        "N" or "N·m"
-    jnd         just-noticeable difference, relative
-    asked       magnitude of the commanded wrench [N or N·m]; its direction is random
-    motion      its change over time, in words
-    left_out    known error of the model that is not in the budget, a sentence; empty: none
+    Attributes
+    ----------
+    device : str
+        Its name.
+    estimator : str
+        Estimator of the mover's pose.
+    sources : tuple of ErrorSource
+        Sources of error, independent of each other.
+    regions : tuple of str
+        Names of the regions of the workspace, each with its own budget.
+    components : tuple of Component
+        Components of the error.
+    unit : str
+        "N" or "N·m".
+    jnd : float
+        Just-noticeable difference, relative [1].
+    asked : float
+        Magnitude of the commanded wrench [N or N·m]; its direction is random.
+    motion : str
+        Its change over time, in words.
+    left_out : str
+        Known error of the model that is not in the budget, a sentence; empty: none.
     """
 
     device: str

@@ -28,10 +28,30 @@ def error_model(
     estimator: str | None = None,
     calibration: Calibration | None = None,
 ) -> ErrorModel[Any, Any]:
-    """Error model of `device` for a commanded wrench of `asked` [N or N·m], by its kind.
+    """Create the error model of a device, by its kind; `haptorb inspect --errors` needs it.
 
-    None: half of the smallest peak in the workspace, the default estimator, no calibration. Raises InputError for a
-    kind without an error model, and for an infeasible wrench or option; UnknownName for another estimator.
+    Parameters
+    ----------
+    device : Device
+        The device.
+    asked : float, optional
+        Magnitude of the commanded wrench [N or N·m]; None: half of the smallest peak in the workspace.
+    estimator : str, optional
+        Name of the estimator; None: the default one.
+    calibration : Calibration, optional
+        Calibration of the device.
+
+    Returns
+    -------
+    ErrorModel
+        Sources of error and the chain from the commanded to the delivered wrench.
+
+    Raises
+    ------
+    InputError
+        For a kind without an error model, and for an infeasible wrench or option.
+    UnknownName
+        For another estimator.
     """
     raise unsupported(device, "`haptorb inspect --errors`", error_model)
 

@@ -50,15 +50,24 @@ _UPRIGHT, _WORKSPACE_STILL = np.eye(3), np.zeros(3)
 class Workspace:
     """Workspace of a device for the analysis.
 
-    places   (n, 3) sample of the workspace: [m] of a tool, ψ, λ, φ [rad] of a rotor
-    inside   whether a place belongs to it
-    force    "N" or "N·m"
-    length   "m" or "rad"
-    grip     impedance of a grip in these coordinates, including the mover
-    field    force field of a world
-    poses    () → places (3,) [m] and rotations (3, 3) of a tool tilted in any direction, for the torque of a world
-    turning_grip
-             rotational impedance of a grip about the tool's magnet: at the lever arm of the fingers
+    Parameters
+    ----------
+    places : ndarray, shape (n, 3)
+        Sample of the workspace: positions of a tool [m], or ψ, λ, φ of a rotor [rad].
+    inside : callable
+        Returns whether a place (3,) belongs to it.
+    force : str
+        "N" or "N·m".
+    length : str
+        "m" or "rad".
+    grip : callable
+        Returns the impedance of a `HandGrip` in these coordinates, including the mover.
+    field : callable
+        Returns the force field of a world in these coordinates.
+    poses : callable, optional
+        Returns places (3,) [m] and rotations (3, 3) of a tool tilted in any direction, for the torque of a world.
+    turning_grip : callable, optional
+        Returns the rotational impedance of a `HandGrip` about the tool's magnet: at the lever arm of the fingers.
     """
 
     places: Array
@@ -74,7 +83,23 @@ class Workspace:
 @device_function
 @singledispatch
 def workspace(device: Device) -> Workspace:
-    """Return the workspace of `device`, by its kind. Raises InputError for a kind without one."""
+    """Return the workspace of a device, by its kind; `haptorb check --world` needs it.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+
+    Returns
+    -------
+    Workspace
+        Places, field of a world and impedance of the hand.
+
+    Raises
+    ------
+    InputError
+        For a kind without one.
+    """
     raise unsupported(device, "`haptorb check --world`", workspace)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.trip_reasons import CoilState
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device
-from haptorb.devices.electromagnet import electromagnet
 from haptorb.errors import DriverError, InputError, UnknownName
 from haptorb.estimation.types import Sample
 from haptorb.runtime.drivers import i2c_chips

@@ -57,7 +57,7 @@ def calibrate(
     from haptorb.cli.calibration_measurement import make_driver
     from haptorb.cli.progress import time_bar
     from haptorb.cli.thermal_record import thermal_record
-    from haptorb.devices.electromagnet import electromagnet
+    from haptorb.devices.api import electromagnet
     from haptorb.devices.loader import load
     from haptorb.estimation.calibration_file import check_writable
     from haptorb.estimation.load_cell_calibration import read_loads

@@ -26,7 +26,17 @@ __all__ = ["Card", "Curve", "Quantity", "common_curves", "common_quantities", "f
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity of a device: name, unit, value."""
+    """One quantity of a device.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity.
+    unit : str
+        Its unit; empty: none.
+    value : float
+        Its value, in that unit.
+    """
 
     name: str
     unit: str
@@ -53,9 +63,24 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve in the panel `panel`; curves of several devices with the same panel and label share axes.
+    """One curve of a capability card; curves of several devices with the same panel and label share axes.
 
-    style   matplotlib's line style: it distinguishes labels, as colours distinguish devices
+    Parameters
+    ----------
+    panel : str
+        Title of the panel.
+    label : str
+        Name of the curve in it.
+    x_label : str
+        Quantity and unit of the horizontal axis.
+    y_label : str
+        Quantity and unit of the vertical axis.
+    x : sequence of float
+        Values on the horizontal axis, in its unit.
+    y : sequence of float
+        Values on the vertical axis, in its unit.
+    style : str
+        Line style of matplotlib: it distinguishes labels, as colours distinguish devices.
     """
 
     panel: str

@@ -21,7 +21,23 @@ __all__ = ["card"]
 @device_function
 @singledispatch
 def card(device: Device) -> Card:
-    """Return the card of `device`, by its kind. Raises InputError for a kind that has none."""
+    """Create the capability card of a device, by its kind; `haptorb inspect` needs it.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+
+    Returns
+    -------
+    Card
+        The card.
+
+    Raises
+    ------
+    InputError
+        For a kind that has none.
+    """
     raise unsupported(device, "`haptorb inspect`", card)
 
 

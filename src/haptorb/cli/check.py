@@ -151,7 +151,7 @@ def _judge(
 
 def _bandwidth(device: Device, tracker: str | None, tracker_rate: float | None) -> float | None:
     """Return the bandwidth of the filter behind `tracker` [Hz]; None without a filter."""
-    from haptorb.devices.electromagnet import electromagnet
+    from haptorb.devices.api import electromagnet
     from haptorb.estimation.hall_tracker import HallTracker
     from haptorb.estimation.registry import check_estimator
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -168,7 +168,9 @@ class Fitness(NotebookReport):
     duration: float  #: [s]
     dragging: bool
 
-    printer: ClassVar[str] = "haptorb.cli.check_computer:print_fitness"
+    def show(self, console: Console) -> None:
+        """Print the report on `console`."""
+        print_fitness(self, console)
 
     def _summarize(self) -> str:
         verdicts = ", ".join(f"{verdict.what} {verdict.measured}" for verdict in self.verdicts)

@@ -104,7 +104,9 @@ class WorldVerdict(NotebookReport):
     part: WrenchPart | None = None  #: rendered part of the wrench; None if there is no choice
     turning: WorldVerdict | None = None  #: verdict on the torque, if force and torque are rendered
 
-    printer: ClassVar[str] = "haptorb.cli.check_world:print_world"
+    def show(self, console: Console) -> None:
+        """Print the report on `console`."""
+        print_world(self, console)
 
     def _summarize(self) -> str:
         margin = "has no slopes" if math.isinf(self.margin) else f"could be {self.margin:.3g} times stronger"
@@ -557,9 +559,31 @@ def boundary(
     device: Device, grip: HandGrip, expected: float, rate: float, tracker_rate: float | None = None,
     latency: float = 0.0, precision: float = 0.02, *, hall: bool = False,
 ) -> float | None:  # fmt: skip
-    """Find the largest stable stiffness of the simulated closed loop by bisection [N/m].
+    """Find the largest stable stiffness of the simulated closed loop by bisection, by the kind of device.
 
-    None for a kind of device whose loop cannot be simulated with a spring.
+    Parameters
+    ----------
+    device : Device
+        The device.
+    grip : HandGrip
+        Impedance of the hand.
+    expected : float
+        Stiffness at which the search starts [N/m].
+    rate : float
+        Rate of the loop [Hz].
+    tracker_rate : float, optional
+        Rate of the tracker [Hz]; None: that of the loop.
+    latency : float
+        Age of a pose when it arrives [s].
+    precision : float
+        Relative width of the interval at which the search ends [1].
+    hall : bool
+        Whether the pose is estimated from Hall sensors.
+
+    Returns
+    -------
+    float or None
+        Stiffness [N/m]; None for a kind whose loop cannot be simulated with a spring.
     """
     return None
 

@@ -34,7 +34,7 @@ def fit_multipole(
     if plot is not None:
         check_figure_file(plot, "--plot")
     from haptorb.cli.multipole_comparison import compare
-    from haptorb.devices.motor import motor
+    from haptorb.devices.api import motor
 
     known = motor(device, "`haptorb fit-multipole`")
     with make_progress() as bar:

@@ -15,8 +15,9 @@ from time import monotonic, sleep
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, DriverError, InputError
 from haptorb.estimation.frame_registration import FrameRegistration, Touches, TouchSession, frame_registration
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from haptorb.errors import InputError, UnknownName
-from haptorb.terminal import make_console, print_facts, print_json, print_text
+from haptorb.errors import DeviceError, InputError, UnknownName
+from haptorb.terminal import make_console, notify, print_facts, print_json, print_text
 
 if TYPE_CHECKING:
     from haptorb.devices.schema import KeyText
@@ -32,15 +32,18 @@ class FileKeys(NamedTuple):
 
 def list_device_sections() -> list[KeySection]:
     """List the keys of a device file, one section for each kind of device that has files."""
-    from haptorb.devices.base import kind_names, kind_of_name
+    from haptorb.devices.registry import find_file, kind_names, kind_of_name
     from haptorb.devices.schema import list_keys
 
-    kinds = {name: kind_of_name(name) for name in kind_names()}
-    return [
-        KeySection(f'kind = "{name}"', tuple(list_keys(kind.require_file(name))))
-        for name, kind in kinds.items()
-        if kind.file is not None  # one of another package may be made in Python only
-    ]
+    sections = []
+    for name in kind_names():
+        try:
+            sections.append(KeySection(f'kind = "{name}"', tuple(list_keys(find_file(kind_of_name(name), name)))))
+        except InputError:  # a kind of another package may be made in Python only
+            continue
+        except DeviceError as cause:
+            notify(str(cause))
+    return sections
 
 
 def list_mapping_sections() -> list[KeySection]:

@@ -32,6 +32,7 @@ from haptorb.cli import (
     train,
     view,
 )
+from haptorb.database_address import has_password, mask_password
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
 from haptorb.files import describe_size_limit
 from haptorb.runtime.linux import Termination, raise_termination
@@ -148,8 +149,6 @@ def check_secrets(words: list[str]) -> None:
         place = word.partition("=")[2] if word.startswith("--") else word
         if not place.startswith("postgres") or "://" not in place:
             continue
-        from haptorb.sql import has_password, mask_password
-
         if has_password(place):  # safety: no-password-in-words
             raise InputError(
                 f"the address {mask_password(place)} holds a password, which every account of this computer can read "

@@ -11,8 +11,9 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.arrays import Array
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device, State, rotation_to_axis
-from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.display import format_quantity
 from haptorb.errors import InputError

@@ -34,7 +34,7 @@ def train(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from haptorb.cli.progress import build_tables
     from haptorb.cli.training import train_networks
-    from haptorb.devices.motor import motor
+    from haptorb.devices.api import motor
 
     build_tables(motor(device, "`haptorb train`"))
     with make_progress() as bar:

@@ -13,7 +13,8 @@ import numpy as np
 from rich.console import Console
 
 from haptorb.arrays import Array
-from haptorb.devices.motor import SphericalMotor, motor
+from haptorb.devices.api import motor
+from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.estimation.network import NetworkTorque, TrainedNetworks, networks_path, train, write_networks
 from haptorb.notebook import NotebookReport

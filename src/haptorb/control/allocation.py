@@ -61,10 +61,16 @@ _FLOAT = np.dtype(np.float64)  #: comparing with a stored dtype is faster than c
 class Allocation:
     """Allocated currents, with the residual wrench and the limit that caused it.
 
-    currents   (m,) [A]
-    residual   (6,) requested minus delivered wrench [N, N·m]; the passive wrench counts as delivered
-    saturated  active limit, or component that no current can produce; false: none
-    scale      common factor by which the wrench was reduced to respect the limits; 1 if it was not
+    Parameters
+    ----------
+    currents : ndarray, shape (m,)
+        Current of each channel [A].
+    residual : ndarray, shape (6,)
+        Requested minus delivered wrench [N, N·m]; the passive wrench counts as delivered.
+    saturated : Saturation
+        Active limit, or component that no current can produce; false: none.
+    scale : float
+        Common factor by which the wrench was reduced to respect the limits; 1 if it was not [1].
     """
 
     currents: Array
@@ -74,7 +80,10 @@ class Allocation:
 
 
 class Allocator(ABC):
-    """Computes currents for a wrench. One final class per method; allocators are stateless."""
+    """Computes currents for a wrench; one final class per method.
+
+    Allocators are stateless: the same arguments give the same currents.
+    """
 
     @abstractmethod
     def allocate(self, wrench_map: WrenchMap, wrench: ArrayLike) -> Allocation:
@@ -339,17 +348,30 @@ def _least_squares_allocate(
 class LeastSquaresAllocator(Allocator):
     """Weighted least squares with minimum-norm currents and limits by one common factor.
 
-    current_limit        (m,) maximum magnitude per channel [A]
-    weights              (6,) weight of each component of the wrench [1/N, 1/(N·m)]
-    damping              relative to the largest singular value: trades accuracy for current near singular poses
-    truncation           relative singular value up to which a direction counts as unreachable
-    compensate_passive   subtract the wrench at zero current
-    resistance           (m,) of the channels at their maximum temperature [Ω]
-    power                maximum power Σ R i² of the supply [W]; needs `resistance`
+    Parameters
+    ----------
+    current_limit : array_like, shape (m,)
+        Maximum magnitude per channel [A].
+    weights : array_like, shape (6,)
+        Weight of each component of the wrench [1/N, 1/(N·m)].
+    damping : float
+        Relative to the largest singular value: trades accuracy for current near singular poses [1].
+    truncation : float
+        Relative singular value up to which a direction counts as unreachable [1].
+    compensate_passive : bool
+        Subtract the wrench at zero current.
+    resistance : array_like, shape (m,), optional
+        Resistance of the channels at their maximum temperature [Ω].
+    power : float
+        Maximum power Σ R i² of the supply [W]; needs `resistance`.
 
-    Raises InputError unless there are six weights, none negative and not all zero, and for damping or truncation
-    outside 0 to 1.
+    Raises
+    ------
+    InputError
+        Unless there are six weights, none negative and not all zero, and for damping or truncation outside 0 to 1.
 
+    Examples
+    --------
     >>> from haptorb.devices.base import WrenchMap
     >>> pull = WrenchMap(np.vstack([np.eye(3), np.zeros((3, 3))]), np.zeros(6))
     >>> allocation = LeastSquaresAllocator((2.0, 2.0, 2.0)).allocate(pull, (3.0, 0, 4.0, 0, 0, 0))
@@ -674,10 +696,16 @@ PART_NUMBERS: Final[dict[WrenchPart, int]] = {part: number for number, part in e
 class WrenchChoice:
     """Allocators of a device that can render force, torque or both.
 
-    allocators   one for each part
-    arm          lever arm at which a hand resists rotation of the tool [m]
-    fixed        part chosen by the user; None: the one that the world defines
-    weight       1 N is weighted like this arm [m] × 1 N of torque, if both are requested
+    Parameters
+    ----------
+    allocators : Mapping
+        Allocator of each part: "force", "torque" and "wrench".
+    arm : float
+        Lever arm at which a hand resists rotation of the tool [m].
+    fixed : str or None
+        Part chosen by the user; None: the one that the world defines.
+    weight : float
+        Length at which 1 N of force weighs as much as the torque 1 N × `weight`, if both are requested [m].
     """
 
     def __init__(

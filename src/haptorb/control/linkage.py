@@ -174,13 +174,23 @@ class WrenchSource(Protocol):
 class RenderedWrench:
     """Result of one tick of a linkage.
 
-    wrench        (6,) on the mover, stator frame [N, N·m]
-    object        pose and motion of the body that the world acts on: the mover, or a motor's object (primed frame)
-    object_wrench (6,) wrench on it [N, N·m]
-    contacts      (n, 8) in the format of `ContactWorld`; empty for other worlds, or a linkage without contacts
-    mode          0 direct, 1 translate, 2 rotate
-    share         (2,) engagement of translation and rotation, 0 to 1
-    engaged       whether the clutch is commanded to engage
+    Parameters
+    ----------
+    wrench : ndarray, shape (6,)
+        Wrench on the mover, in the stator frame [N, N·m].
+    object : State
+        Pose and motion of the body that the world acts on: the mover, or a motor's object in its own primed frame.
+    object_wrench : ndarray, shape (6,)
+        Wrench on that body [N, N·m].
+    contacts : ndarray, shape (n, 8)
+        Contacts in the format and the units [any] of `ContactWorld`; empty for other worlds, or a linkage without
+        contacts.
+    mode : int
+        Zero for a direct linkage, 1 for "translate", 2 for "rotate".
+    share : ndarray, shape (2,)
+        Engagement of translation and of rotation, 0 to 1 [1].
+    engaged : bool
+        Whether the clutch is commanded to engage.
     """
 
     wrench: Array
@@ -193,7 +203,19 @@ class RenderedWrench:
 
 
 class Linkage(Stateful, ABC):
-    """Maps the mover's state to the wrench of a world on the hand; its state is in `state_arrays`."""
+    """Connection of mover and object: maps the mover's state to the wrench of a world on the hand.
+
+    What it remembers from tick to tick is in `state_arrays`.
+
+    Attributes
+    ----------
+    modes : tuple of str
+        Available modes; empty for a direct linkage.
+    passive : bool
+        Whether it adds no energy to that of the world.
+    arm : float
+        Lever arm of the hand on a mover that turns [m]; 0 where the mover is a tool.
+    """
 
     modes: tuple[Mode, ...]  #: available modes; empty for a direct linkage
     passive: bool  #: whether it adds no energy to that of the world
@@ -263,8 +285,25 @@ class Direct(Linkage):
 @device_function
 @singledispatch
 def make_linkage(device: Device, gains: Gains | None = None) -> Linkage:
-    """Create the linkage between the mover of `device` and the object, by its kind; by default they are the
-    same body. Raises InputError for `gains` without modes."""
+    """Create the linkage between a device's mover and the object that the world acts on, by its kind.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    gains : Gains, optional
+        Gains of a linkage with modes.
+
+    Returns
+    -------
+    Linkage
+        By default object and mover are the same body.
+
+    Raises
+    ------
+    InputError
+        For `gains` without modes.
+    """
     if gains is not None:
         raise InputError(f"gains are for two-mode devices; a {device.kind.title} such as '{device.name}' has no modes")
     return Direct()

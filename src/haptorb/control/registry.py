@@ -28,17 +28,49 @@ __all__ = ["describe_choice", "has_choice", "make_allocator", "make_choice"]
 @device_function
 @singledispatch
 def make_allocator(device: Device) -> Allocator:
-    """Create the allocator of `device`, by its kind. Raises InputError for a kind without one."""
+    """Create the allocator of a device, by its kind; `haptorb run` needs it.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+
+    Returns
+    -------
+    Allocator
+        Allocator with the device's current and power limits.
+
+    Raises
+    ------
+    InputError
+        For a kind without one.
+    """
     raise unsupported(device, "`haptorb run`", make_allocator)
 
 
 @device_function
 @singledispatch
 def make_choice(device: Device, part: WrenchPart | None = None, arm: float | None = None) -> WrenchChoice | None:
-    """Allocators for force, torque and both on `device`, by its kind; None for a kind without that choice.
+    """Create the allocators of a device that renders force, torque or both, by its kind.
 
-    part: rendered part, overriding the world's. arm: weight of a torque [m]. Raises InputError for an invalid arm, and
-    for a part or an arm on a device without that choice.
+    Parameters
+    ----------
+    device : Device
+        The device.
+    part : str, optional
+        Rendered part, "force", "torque" or "wrench", overriding the world's.
+    arm : float, optional
+        Length at which 1 N of force weighs as much as the torque 1 N × `arm` [m].
+
+    Returns
+    -------
+    WrenchChoice or None
+        None for a kind without that choice.
+
+    Raises
+    ------
+    InputError
+        For an invalid arm, and for a part or an arm on a device without that choice.
     """
     if part is None and arm is None:
         return None
@@ -56,7 +88,20 @@ def has_choice(device: Device) -> bool:
 @device_function
 @singledispatch
 def describe_choice(device: Device, choice: WrenchChoice) -> tuple[str, ...]:
-    """One or two sentences for each of `PARTS`, indexed by its number in recordings; empty where none is needed."""
+    """Describe how a device renders each part of a wrench, by its kind, for the person who runs it.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    choice : WrenchChoice
+        Its allocators.
+
+    Returns
+    -------
+    tuple of str
+        One or two sentences for each part, indexed by its number in recordings; empty where none is needed.
+    """
     return ()
 
 

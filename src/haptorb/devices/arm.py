@@ -23,7 +23,6 @@ ARM = DeviceKind(
     name="arm",
     title="haptic arm",
     world="wall",
-    file="haptorb.devices.arm_file:ArmFile",
 )
 
 _MAX_OUTSIDE_M = 0.02  #: how far outside the workspace a hand may pull: it leans on the stops [m]

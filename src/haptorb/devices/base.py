@@ -7,8 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +23,7 @@ from haptorb.thermal import ThermalNetwork, TwoNode, resistance_ratio
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pydantic import BaseModel
 
 __all__ = [
     "FARTHEST",
@@ -44,10 +44,7 @@ __all__ = [
     "check_distance",
     "device_function",
     "endurance",
-    "kind_names",
-    "kind_of_name",
     "own_implementations",
-    "register",
     "register_implementations",
     "require",
     "require_geometry",
@@ -436,9 +433,8 @@ class DeviceKind:
         Names of the linkage's modes; empty for a direct linkage.
     contacts : int
         Number of contacts of a `ContactWorld` in each row, filled by the linkage.
-    file : type or str, optional
-        Class of the device file (pydantic), with `build(assumed, digest, override=…)`, or "module:name", which is
-        imported when a file is read; None: devices are made in Python.
+    file : type, optional
+        Class of the device file, a subclass of `DeviceFile`; None: devices are made in Python.
     """
 
     name: str
@@ -446,21 +442,7 @@ class DeviceKind:
     world: str
     modes: tuple[str, ...] = ()
     contacts: int = 0
-    file: Any = None
-
-    def require_file(self, device: str) -> Any:
-        """The class of the device file. Raises InputError for a kind whose devices are made in Python."""
-        if self.file is None:
-            raise InputError(f"device '{device}' is a {self.title}, which has no device file: it is made in Python")
-        return _load(self.file)
-
-
-def _load(place: Any) -> Any:
-    """The object at "module:name"; anything else itself."""
-    if not isinstance(place, str):
-        return place
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+    file: type[BaseModel] | None = None
 
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -508,47 +490,6 @@ def unsupported(device: Device, what: str, function: Any) -> InputError:
     *others, last = sorted(f"{one.kind.title}s" for one in function.registry if "kind" in vars(one))
     able = f"{', '.join(others)} and {last}" if others else last
     return InputError(f"device '{device.name}' is a {device.kind.title}; {what} works for {able}")
-
-
-#: name → record, or where it stands
-KINDS: Final[dict[str, DeviceKind | str]] = {
-    "spherical-electromagnet": "haptorb.devices.electromagnet:ELECTROMAGNET",
-    "spherical-motor": "haptorb.devices.motor:MOTOR",
-    "coil-array": "haptorb.devices.coil_array:COIL_ARRAY",
-    "arm": "haptorb.devices.arm:ARM",
-}
-
-
-def register(kind: DeviceKind) -> None:
-    """Make device files of a kind known to the loader.
-
-    Devices made in Python need no registration.
-
-    Parameters
-    ----------
-    kind : DeviceKind
-        Record of the kind.
-
-    Raises
-    ------
-    InputError
-        If another record has this name.
-    """
-    KINDS.setdefault(kind.name, kind)
-    if kind_of_name(kind.name) != kind:
-        raise InputError(f"there is a kind of device '{kind.name}' already; choose another name")
-
-
-def kind_names() -> tuple[str, ...]:
-    """Valid values of `kind` in a device file."""
-    return tuple(KINDS)
-
-
-def kind_of_name(name: str) -> DeviceKind:
-    """The record of that name; KeyError for another."""
-    found = KINDS[name]
-    kind: DeviceKind = _load(found)
-    return kind
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,6 @@ COIL_ARRAY = DeviceKind(
     name="coil-array",
     title="coil array",
     world="wall",
-    file="haptorb.devices.coil_array_file:CoilArrayFile",
 )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +18,6 @@ from haptorb.devices.base import (
     Shell,
     State,
     WrenchMap,
-    require,
     rotation_to_axis,
 )
 from haptorb.devices.build_checks import CERTAIN, BuildCheck, check_wire, compare_fill
@@ -33,7 +31,6 @@ from haptorb.devices.electromagnet_wrench_map import (
 )
 from haptorb.devices.field_sensors import FieldSensors
 from haptorb.devices.geometry import Ball, Geometry, Reach, Rod, RoundPart, Spot, list_assumed
-from haptorb.devices.loader import find_device
 from haptorb.devices.magnet_grades import ANY_MAGNET, MagnetUse, check_magnet
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.touch_points import Marks
@@ -58,7 +55,6 @@ __all__ = [
     "SphericalElectromagnet",
     "Tool",
     "check_windings",
-    "electromagnet",
     "electromagnet_geometry",
     "find_sensor_field",
     "list_geometry_mistakes",
@@ -75,7 +71,6 @@ ELECTROMAGNET = DeviceKind(
     name="spherical-electromagnet",
     title="spherical electromagnet",
     world="dome",
-    file="haptorb.devices.electromagnet_file:ElectromagnetFile",
 )
 
 
@@ -727,13 +722,3 @@ def list_geometry_mistakes(
                 f"({core_radius * 1e3:g} mm); state its position in the stator frame"
             )
     return found
-
-
-# --------------------------------------------------------------------------------------------------
-# Type-narrowing helper, for programs that support spherical electromagnets only.
-
-
-def electromagnet(device: Device | str | Path, what: str = "this function") -> SphericalElectromagnet:
-    """`device`, loaded if it is a name or a file. Raises InputError that names `what` if it is no spherical
-    electromagnet."""
-    return require(find_device(device), SphericalElectromagnet, what)

@@ -13,12 +13,13 @@ from warnings import warn
 import numpy as np
 
 from haptorb.arrays import Array, cap_directions
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import (
     Device,
     State,
     endurance,
 )
-from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet
 
 __all__ = ["Layer", "ShellCapability", "shell_capability"]
 

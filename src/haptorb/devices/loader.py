@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from haptorb.devices.base import Device, DeviceText, kind_names, kind_of_name
+from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.based_on import drop_keys, has_key, is_table, lay_over_base
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.quantity import strip_provenance
-from haptorb.devices.schema import explain_mistakes
+from haptorb.devices.registry import find_file, kind_names, kind_of_name
+from haptorb.devices.schema import DeviceSchema, explain_mistakes
 from haptorb.errors import DeviceError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
 from haptorb.files import parse_toml, read_text
@@ -158,7 +159,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
     if not isinstance(kind, str) or kind not in kind_names():
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
-    file_class = kind_of_name(kind).require_file(name)
+    file_class = find_file(kind_of_name(kind), name)
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -167,7 +168,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
             if tables.file is not None:
                 _refuse_idle(tables.file, file)
             digest = hashlib.sha256(tables.text.encode()).hexdigest()
-            device: Device = replace(file.build(assumed, digest, override=override), text=tables.file)
+            device = replace(file.build(assumed, digest, override=override), text=tables.file)
     except BuildError as cause:  # whose device knows its name, but not the file that the person wrote
         raise cause.rename(name) from cause
     except ValidationError as cause:
@@ -183,9 +184,9 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
     return device
 
 
-def _refuse_idle(text: DeviceText, file: Any) -> None:
+def _refuse_idle(text: DeviceText, file: DeviceSchema) -> None:
     """ValueError for a value of the file itself, not of its base, that changes nothing beside what else it says."""
-    for key, reason in getattr(file, "list_idle", tuple)():
+    for key, reason in file.list_idle():
         if not _is_stated(file, key):
             continue
         inherited = text.inheritance
@@ -208,7 +209,7 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
     """
     from pydantic import ValidationError
 
-    file_class = kind_of_name(str(tables.values["kind"])).require_file(tables.name)
+    file_class = find_file(kind_of_name(str(tables.values["kind"])), tables.name)
     try:
         file_class.model_validate({key: strip_provenance(value, key, {}) for key, value in tables.values.items()})
     except ValidationError as cause:

@@ -24,6 +24,7 @@ from haptorb.devices.schema import (
     RIGHT_ANGLE,
     BasedOn,
     Count,
+    DeviceSchema,
     Drop,
     HeatSection,
     LimitsSection,
@@ -334,7 +335,7 @@ class ChannelsSection(Section):
     heat: Annotated[HeatSection, m.Meaning("thermal model of one channel, equal for all: winding, body, air")]
 
 
-class MotorFile(Section):
+class MotorFile(DeviceSchema):
     """A file of kind "spherical-motor"."""
 
     kind: Annotated[Literal["spherical-motor"], m.Meaning("kind of device")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -16,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 from haptorb.devices import quantity as q
-from haptorb.devices.base import CONTACT_RATE, HANDOVER, ROOM, Coils, Heat, HeatCoupling, Limits, Supply
+from haptorb.devices.base import CONTACT_RATE, HANDOVER, ROOM, Coils, Device, Heat, HeatCoupling, Limits, Supply
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.quantity import QuantityKind
 from haptorb.devices.unit_conversion import convert, usual_units
@@ -28,6 +29,7 @@ __all__ = [
     "CommonFile",
     "Count",
     "CouplingSection",
+    "DeviceSchema",
     "Drop",
     "FieldSensorsSection",
     "Form",
@@ -70,7 +72,13 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Meaning:
-    """Meaning of a key, in a few words without a full stop."""
+    """Mark of a key that states its meaning, for the reference and for messages.
+
+    Parameters
+    ----------
+    text : str
+        The meaning, in a few words without a full stop.
+    """
 
     text: str
 
@@ -149,18 +157,18 @@ def find_key(model: type[BaseModel], path: typing.Iterable[int | str]) -> tuple[
     return bare, marks
 
 
-Positive = Gt(0)
+Positive = Gt(0)  #: mark of a key whose value must be greater than zero
 RIGHT_ANGLE = q.si("90 deg", "rad", "an angle")  #: rounded as every value is, so that "90 deg" is not beyond it [rad]
 Name = Annotated[
     str,
     Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=64),
     Form("a lower-case letter, then at most 63 of them, digits and hyphens"),
 ]  #: it becomes part of files' names
-Count = Annotated[int, Field(ge=1, le=1000, strict=True)]
+Count = Annotated[int, Field(ge=1, le=1000, strict=True)]  #: whole number from 1 to 1000
 Text = Annotated[
     str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$", max_length=400), Form("one line, at most 400 characters")
-]  #: one line
-Point = Annotated[tuple[q.Length, ...], Len(3, 3)]
+]  #: one line of text, at most 400 characters
+Point = Annotated[tuple[q.Length, ...], Len(3, 3)]  #: three lengths [m]
 BasedOn = Annotated[
     str | None,
     Meaning("base device, whose values are used for missing keys"),
@@ -184,7 +192,7 @@ def check_wall(inner_radius: float, outer_radius: float) -> None:
 
 
 class Section(BaseModel):
-    """A table of the file: no unknown keys, nothing changed after reading."""
+    """Schema of one table of a device file (pydantic): unknown keys are refused, and values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -374,7 +382,23 @@ class ThermometerSection(Section):
     noise: Annotated[q.TemperatureStep, Field(ge=0), Meaning("standard deviation of one reading")]
 
 
-class CommonFile(Section):
+class DeviceSchema(Section, ABC):
+    """Schema of a device file, whatever its sections."""
+
+    @abstractmethod
+    def build(self, assumed: dict[str, str], digest: str, *, override: bool = False) -> Device:
+        """Build the device that this file describes; ValueError or DeviceError with all that contradicts itself.
+
+        assumed: key → reason, of values that the source does not give. digest: SHA-256 of the whole text. override:
+        build it, for study, even if its parts overlap or its wiring cannot work.
+        """
+
+    def list_idle(self) -> Iterator[tuple[str, str]]:
+        """Yield keys that change nothing beside what else the file says, and why."""
+        return iter(())
+
+
+class CommonFile(DeviceSchema):
     """Schema of the sections of every device file; base class of the schema of a kind of device (pydantic).
 
     A subclass adds a section for each table of its file, and `build`, which returns the device and reports all mistakes

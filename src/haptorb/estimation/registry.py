@@ -39,8 +39,20 @@ __all__ = [
 @device_function
 @singledispatch
 def list_estimators(device: Device) -> dict[str, EstimatorChoice]:
-    """Name → choice for `device`, the default first; every kind of device has "tracker".
+    """List the estimators of a device, by its kind; every kind has "tracker".
 
+    Parameters
+    ----------
+    device : Device
+        The device.
+
+    Returns
+    -------
+    dict of str to EstimatorChoice
+        The estimators by their names, the default first.
+
+    Examples
+    --------
     >>> import haptorb
     >>> list(list_estimators(haptorb.load("omni-sensor-ring"))), list(list_estimators(haptorb.load("pmsm")))
     (['tracker', 'hall'], ['least-squares', 'network', 'linear', 'tracker'])

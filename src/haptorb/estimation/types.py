@@ -323,7 +323,19 @@ class TrackedPose(Estimator):
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """Settings that the loop passes to an estimator."""
+    """Settings that the loop passes to an estimator.
+
+    Parameters
+    ----------
+    model : str, optional
+        Name of the device's model; None: the device's first.
+    offsets : ndarray, shape (k, 3), optional
+        Offsets of the field sensors, from calibration [T].
+    in_turns : bool
+        Whether the driver reads the field sensors in turn, some in each tick.
+    learned : bytes
+        Trained data, as returned by `EstimatorChoice.read_learned`; empty: from this computer's file.
+    """
 
     model: str | None = None  #: name of the device's model; None: the device's first
     offsets: Array | None = None  #: (k, 3) of the field sensors, from calibration [T]
@@ -335,7 +347,19 @@ class EstimatorSettings:
 
 @dataclass(frozen=True)
 class EstimatorChoice:
-    """Estimator available for a kind of device."""
+    """Estimator available for a kind of device.
+
+    Parameters
+    ----------
+    make : callable
+        Creates it for a device: `make(device, settings)` with `EstimatorSettings`.
+    check : callable, optional
+        Called with the device before start: raises InputError if it cannot be created.
+    axes : int
+        Number of axes that each field sensor must measure.
+    read_learned : callable, optional
+        Reads its trained data, stored outside the device file, for a device.
+    """
 
     make: Callable[[Any, EstimatorSettings], Estimator]  #: creates it for a device
     check: Callable[[Any], object] | None = None  #: called before start: InputError if it cannot be created

@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.cluster import count_cores
+from haptorb.child_process import count_cores
 from haptorb.control.linkage import MODES
 from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.errors import HaptorbError, RecordingError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from haptorb.arrays import one_block
 from haptorb.control.linkage import make_linkage
 from haptorb.control.registry import make_allocator, make_choice
-from haptorb.devices.electromagnet import electromagnet
+from haptorb.devices.api import electromagnet
 from haptorb.estimation.registry import check_estimator, list_estimators, make_estimator
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.base import Driver

@@ -17,8 +17,8 @@ from haptorb.analysis.stability import check_grip
 from haptorb.arrays import Array
 from haptorb.control.linkage import Gains, make_linkage
 from haptorb.control.registry import make_choice
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device, State
-from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration, read_calibration, read_frame

@@ -26,7 +26,7 @@ from time import monotonic
 from types import FrameType
 from typing import Any, cast, final
 
-from haptorb.cluster import environment, python_command
+from haptorb.child_process import environment, python_command
 from haptorb.errors import PlatformError, ServoError
 
 __all__ = [

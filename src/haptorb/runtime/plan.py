@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, final
 
-from haptorb.cluster import pack, unpack
+from haptorb.child_process import pack, unpack
 from haptorb.devices.base import Implementation, register_implementations
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.trackers.base import Tracker

@@ -9,6 +9,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.estimation.types import Pose
+from haptorb.rotations import rotation_of
 from haptorb.runtime.shared_memory import HandSignals, PointerSource
 from haptorb.runtime.trackers.base import Goal, Tracker
 from haptorb.simulation.hand_motion import DomeMotion, GuidedMotion, ScriptedMotion
@@ -40,7 +41,7 @@ class PointerPose:
         """Return the pose at `now` [s] for the pointer's last message `goal`."""
         if not goal.held:
             self._stamp = -np.inf
-            return Pose(now, _rotation(goal.q), goal.p, np.zeros(3), np.zeros(3), valid=False)
+            return Pose(now, rotation_of(goal.q), goal.p, np.zeros(3), np.zeros(3), valid=False)
         if goal.stamp > self._stamp:
             passed = goal.stamp - self._stamp
             v = (goal.p - self._p) / passed if np.isfinite(passed) else np.zeros(3)
@@ -48,19 +49,7 @@ class PointerPose:
             self._v = v if speed <= _MAX_SPEED_M_PER_S else np.zeros(3)
             self._p, self._stamp = goal.p, goal.stamp
         valid = bool(np.isfinite(goal.stamp))
-        return Pose(min(goal.stamp, now) if valid else now, _rotation(goal.q), goal.p, np.zeros(3), self._v, valid)
-
-
-def _rotation(q: Array) -> Array:
-    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
-    x, y, z, w = q.tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+        return Pose(min(goal.stamp, now) if valid else now, rotation_of(goal.q), goal.p, np.zeros(3), self._v, valid)
 
 
 _RELEASE_TIME_S = 1.5  #: time in which a released hand returns to rest [s]

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, final
 
-from haptorb.cluster import environment
+from haptorb.child_process import environment
 from haptorb.errors import ServoError
 from haptorb.files import FOLDER, FileLock
 from haptorb.runtime.linux import start_python

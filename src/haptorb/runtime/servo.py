@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, final
 from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array, check_finite
-from haptorb.cluster import pack
+from haptorb.child_process import pack
 from haptorb.control.linkage import MODES, Gains
 from haptorb.control.registry import describe_choice, make_choice
 from haptorb.control.trip_reasons import GuardState, Trip

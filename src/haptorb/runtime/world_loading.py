@@ -20,7 +20,7 @@ from threading import Thread
 from time import monotonic, sleep
 from typing import Any, final
 
-from haptorb.cluster import unpack
+from haptorb.child_process import unpack
 from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.recording.row import RowLayout

@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import Any, Literal, Protocol, Self, cast, final
 
 from haptorb.arrays import Array, record
-from haptorb.cluster import pack
+from haptorb.child_process import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
 from haptorb.files import foreign_text

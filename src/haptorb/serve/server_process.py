@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from haptorb.cluster import unpack
+from haptorb.child_process import unpack
 from haptorb.errors import HaptorbError
 from haptorb.runtime.linux import die_with_parent
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word

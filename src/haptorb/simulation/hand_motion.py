@@ -149,7 +149,15 @@ def upright_quaternions(places: Array) -> Array:
 
 
 class GuidedMotion(ABC):
-    """Motion that starts at time zero and rests after `duration` [s]; a pure function of time."""
+    """Motion of the simulated hand that starts at time zero and ends at rest; a pure function of time.
+
+    Attributes
+    ----------
+    duration : float
+        Time after which the hand rests [s].
+    relaxes : bool
+        Whether the hand yields to a load after the motion.
+    """
 
     duration: float
     relaxes = True  #: whether the hand yields to a load after the motion
@@ -211,7 +219,18 @@ def _fill_arc(start: Array, rest: Array, s: float, p: Array) -> None:
 @device_function
 @singledispatch
 def guide_hand(device: Device) -> GuidedMotion:
-    """Guided motion of the hand on the mover of `device`, by its kind; by default the hand rests."""
+    """Create the motion of the simulated hand before a person points, by the kind of device.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+
+    Returns
+    -------
+    GuidedMotion
+        By default a hand at rest.
+    """
     return AtRest(device)
 
 

@@ -22,8 +22,27 @@ __all__ = ["simulate"]
 @device_function
 @singledispatch
 def simulate(device: Device, seed: int = 0) -> Simulation:
-    """Create a simulation of `device` with noise from `seed`; DeviceError if there is none for its kind.
+    """Create the simulation of a device, by its kind; `driver="sim"` needs it.
 
+    Parameters
+    ----------
+    device : Device
+        The device.
+    seed : int
+        Seed of the noise.
+
+    Returns
+    -------
+    Simulation
+        The simulation, in its initial state.
+
+    Raises
+    ------
+    DeviceError
+        For a kind without one.
+
+    Examples
+    --------
     >>> from haptorb.devices.loader import load
     >>> simulate(load("omni")).device.name
     'omni'

@@ -99,7 +99,7 @@ class ForceMapProcess:
 
 def _pack(world: World) -> bytes:
     # Imported here: a servo has loaded it anyway, and without a servo there is no world to pack.
-    from haptorb.cluster import pack
+    from haptorb.child_process import pack
 
     return pack(world)
 
@@ -117,7 +117,7 @@ def main() -> None:
     lower_share(10)
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a world's output is not a reply
-    from haptorb.cluster import unpack
+    from haptorb.child_process import unpack
     from haptorb.simulation.force_map import force_map
     from haptorb.worlds import find_world
 

@@ -65,9 +65,18 @@ __all__ = [
 @device_function
 @singledispatch
 def describe_scene(device: Device) -> dict[str, Any]:
-    """Describe the scene of `device`, by its kind; by default axes, a marker for the mover, and the device's geometry.
+    """Describe the scene of a device for the console, by its kind.
 
-    `kind` is one of the scenes in `web/src/scene`; `gives` is "torque" where the device renders torque.
+    Parameters
+    ----------
+    device : Device
+        The device.
+
+    Returns
+    -------
+    dict
+        JSON: `kind` is the name of a scene in `web/src/scene`, `gives` is "torque" where the device renders torque. By
+        default axes, a marker for the mover, and the device's geometry.
     """
     geometry = device.geometry()
     return {
@@ -142,8 +151,19 @@ def _(device: SphericalMotor) -> dict[str, Any]:
 
 
 def describe_parts(geometry: Geometry) -> dict[str, Any]:
-    """Describe round parts, field sensors, marks and edges of a workspace with their positions, and notes on what the
-    device file omits."""
+    """Describe a geometry for the console.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Geometry of a device.
+
+    Returns
+    -------
+    dict
+        JSON: round parts, field sensors, marks and edges of a workspace with their positions [m], and notes on what
+        the device file omits.
+    """
     return {
         "parts": [_describe_part(part) for part in geometry.round_parts],
         "sensors": [spot.position.tolist() for spot in geometry.select_spots("sensor")],

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from rich.console import Console
 
 from haptorb.terminal import Column, TextTable, make_console, print_table, print_text
-from haptorb_study.analysis.analysis import Analysis
 from haptorb_study.analysis.comparison import ConditionComparison
 from haptorb_study.analysis.condition_means import make_condition_table
 from haptorb_study.analysis.confusion import describe_accuracy, list_wrong_answers
@@ -19,6 +18,7 @@ from haptorb_study.analysis.magnitude import make_magnitude_tables
 from haptorb_study.analysis.number_format import format_p, format_range, format_value
 from haptorb_study.analysis.plan_report import PlanReport
 from haptorb_study.analysis.response_times import make_response_table
+from haptorb_study.analysis.results import StudyResults
 from haptorb_study.incidents import count_incidents
 from haptorb_study.statistics.significance import CORRECTIONS
 
@@ -28,7 +28,7 @@ __all__ = ["list_group_tables", "list_notes", "list_psychometric_notes", "list_p
 _TESTS = {"t": "Student's t test over participants", "sign-flip": "sign-flip test over participants"}
 
 
-def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
+def list_group_tables(analysis: StudyResults) -> Iterator[TextTable]:
     """The study's tables, in reading order."""
     if analysis.localisation is not None:
         yield from _localisation(analysis.localisation)
@@ -46,7 +46,7 @@ def list_group_tables(analysis: Analysis) -> Iterator[TextTable]:
         yield _effects([*planned, *others])
 
 
-def list_notes(analysis: Analysis) -> Iterator[str]:
+def list_notes(analysis: StudyResults) -> Iterator[str]:
     """Notes on the methods behind the tables."""
     if analysis.rings:
         yield ERROR_MEANING[analysis.study.procedure]
@@ -128,7 +128,7 @@ def _outcomes(plan: PlanReport) -> TextTable:
     )  # fmt: skip
 
 
-def _comparisons(title: str, rows: Iterable[ConditionComparison], analysis: Analysis) -> TextTable:
+def _comparisons(title: str, rows: Iterable[ConditionComparison], analysis: StudyResults) -> TextTable:
     return _table(
         title,
         (Column("test", kind="text"), Column("mean"), Column("95 % CI"), Column("people"), Column("p"),
@@ -161,7 +161,7 @@ def _table(title: str, columns: tuple[Column, ...], rows: Iterable[tuple[str, ..
 # Tables of psychometric curves and thresholds, for terminal and report.
 
 
-def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
+def list_psychometric_tables(analysis: StudyResults) -> Iterator[TextTable]:
     """The tables that the procedure has, population before participants."""
     unit = analysis.study.level_unit
     if analysis.curves:
@@ -174,7 +174,7 @@ def list_psychometric_tables(analysis: Analysis) -> Iterator[TextTable]:
         yield _tabulate_tracks(analysis, unit)
 
 
-def list_psychometric_notes(analysis: Analysis) -> list[str]:
+def list_psychometric_notes(analysis: StudyResults) -> list[str]:
     """Notes on the tables, and on what single participants' trials do not determine."""
     found = []
     if analysis.curves:
@@ -199,7 +199,7 @@ def list_psychometric_notes(analysis: Analysis) -> list[str]:
     return found
 
 
-def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
+def _tabulate_groups(analysis: StudyResults, unit: str) -> TextTable:
     table = TextTable(
         (Column("condition", kind="key"), Column("of the group", kind="key"), Column("mean"), Column("95 % CI"),
          Column("SD between people"), Column("95 % CI")), "Psychometric curve of the group",
@@ -222,7 +222,7 @@ def _tabulate_groups(analysis: Analysis, unit: str) -> TextTable:
     return table
 
 
-def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
+def _tabulate_people(analysis: StudyResults, unit: str) -> TextTable:
     table = TextTable(
         (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"),
          Column("threshold", unit), Column("95 % CI", unit), Column("JND (75 %)", unit), Column("95 % CI", unit),
@@ -240,7 +240,7 @@ def _tabulate_people(analysis: Analysis, unit: str) -> TextTable:
     return table
 
 
-def _tabulate_group_tracks(analysis: Analysis, unit: str) -> TextTable:
+def _tabulate_group_tracks(analysis: StudyResults, unit: str) -> TextTable:
     table = TextTable(
         (Column("condition", kind="key"), Column("threshold", unit), Column("95 % CI", unit),
          Column("SD between people"), Column("95 % CI")), "Threshold of the group",
@@ -255,7 +255,7 @@ def _tabulate_group_tracks(analysis: Analysis, unit: str) -> TextTable:
     return table
 
 
-def _tabulate_tracks(analysis: Analysis, unit: str) -> TextTable:
+def _tabulate_tracks(analysis: StudyResults, unit: str) -> TextTable:
     reverses = analysis.study.procedure == "staircase"
     table = TextTable(
         (Column("condition", kind="key"), Column("participant", kind="key"), Column("trials"),
@@ -291,7 +291,7 @@ def _factors(limits: tuple[float, float], base: float) -> str:
 # The analysis as printed at the terminal: the report without figures.
 
 
-def print_summary(analysis: Analysis, console: Console | None = None) -> None:
+def print_summary(analysis: StudyResults, console: Console | None = None) -> None:
     """Print all tables and notes of the analysis."""
     out = console or make_console()
     print_text(out, f"{analysis.study.name}: {analysis.trials} trials, {analysis.practice} practice trials excluded")
@@ -322,7 +322,7 @@ def print_summary(analysis: Analysis, console: Console | None = None) -> None:
         print_text(out, note, "dim")
 
 
-def _tables(analysis: Analysis) -> Iterator[TextTable]:
+def _tables(analysis: StudyResults) -> Iterator[TextTable]:
     """The tables that the procedure has."""
     if analysis.confusion is not None:
         yield _identification(analysis)
@@ -357,7 +357,7 @@ def _tables(analysis: Analysis) -> Iterator[TextTable]:
     yield from list_group_tables(analysis)
 
 
-def _identification(analysis: Analysis) -> TextTable:
+def _identification(analysis: StudyResults) -> TextTable:
     c = analysis.confusion
     assert c is not None
     rows = []

@@ -9,7 +9,8 @@ from functools import cache
 
 import numpy as np
 
-from haptorb.cluster import open_cluster, run_jobs, spawn_context
+from haptorb.child_process import spawn_context
+from haptorb.cluster import open_cluster, run_jobs
 from haptorb.errors import InputError
 from haptorb_study.analysis.measures import PersonMeasures, list_thresholds
 from haptorb_study.columns import Columns, place_answers

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from haptorb.cli import main
-from haptorb.devices.motor import torque_characteristic
+from haptorb.devices.api import torque_characteristic
 from haptorb_bench import peers
 from haptorb_bench.contest import Contest, Result, measure_fastest
 from haptorb_bench.magnetics import magnetics

@@ -7,8 +7,8 @@ import pytest
 
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
-from haptorb.simulation.truth import true_wrench
 from haptorb_papers.reproduce.zarate2020.inverse_error import compute_second_wrench
+from haptorb_papers.reproduce.zarate2020.true_wrench import true_wrench
 
 OMNI = load("omni")
 

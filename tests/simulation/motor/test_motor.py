@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from haptorb.devices.api import torque_characteristic
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.loader import load
-from haptorb.devices.motor import HANDLE_LOOSE, torque_characteristic
+from haptorb.devices.motor import HANDLE_LOOSE
 from haptorb.errors import InputError, UnknownName
 from haptorb.rotations import rotation_from_euler
 from haptorb.simulation.motor import SimulatedMotor

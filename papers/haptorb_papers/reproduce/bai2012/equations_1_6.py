@@ -10,8 +10,9 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.control.allocation import MinimumPowerAllocator
 from haptorb.control.linkage import MODES, Gains, Mode, ModedLinkage
+from haptorb.devices.api import motor, torque_characteristic
 from haptorb.devices.base import State, WrenchMap
-from haptorb.devices.motor import SphericalMotor, motor, torque_characteristic
+from haptorb.devices.motor import SphericalMotor
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.rotations import rotation_from_euler
 from haptorb_papers.reproduce.citation import Citation

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import motor, torque_characteristic
 from haptorb.devices.loader import load
-from haptorb.devices.motor import SphericalMotor, motor, torque_characteristic
+from haptorb.devices.motor import SphericalMotor
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.multipole import MAGNET_RADIUS, load_published
 from haptorb.rotations import rotation_from_euler

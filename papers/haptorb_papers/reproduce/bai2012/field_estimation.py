@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from haptorb.arrays import Array
-from haptorb.devices.motor import SphericalMotor, torque_characteristic
+from haptorb.devices.api import torque_characteristic
+from haptorb.devices.motor import SphericalMotor
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation
 from haptorb.estimation.network import FieldToTorque, LinearTorque, workspace_grid
 from haptorb.estimation.types import Pose, Sample

@@ -19,7 +19,8 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.cli.training import figure_4, random_workspace
-from haptorb.devices.motor import SphericalMotor, motor
+from haptorb.devices.api import motor
+from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError
 from haptorb.estimation.network import TrainedNetworks, check_networks, networks_path, train, write_networks
 from haptorb_papers.estimators import EstimatorComparison, compare, plot_disturbances, plot_noise

@@ -9,8 +9,9 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.allocation import MinimumPowerAllocator
+from haptorb.devices.api import motor
 from haptorb.devices.base import State
-from haptorb.devices.motor import SphericalMotor, motor
+from haptorb.devices.motor import SphericalMotor
 from haptorb.rotations import rotation_from_euler
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.item import Item

@@ -19,8 +19,9 @@ from haptorb.arrays import Array
 from haptorb.control.allocation import MinimumPowerAllocator
 from haptorb.control.linkage import Gains, ModedLinkage
 from haptorb.control.registry import make_allocator
+from haptorb.devices.api import motor
 from haptorb.devices.base import WrenchMap
-from haptorb.devices.motor import Grasp, motor
+from haptorb.devices.motor import Grasp
 from haptorb.estimation.network import networks_path
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.types import Estimate, Estimator, Sample

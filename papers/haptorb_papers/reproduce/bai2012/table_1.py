@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.devices.motor import motor
+from haptorb.devices.api import motor
 from haptorb.magnetics import multipole
 from haptorb.magnetics.multipole import MAGNET_STRENGTHS, load_published
 from haptorb.magnetics.multipole_fit import residual, shell_region

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import motor, torque_characteristic
 from haptorb.devices.loader import load
-from haptorb.devices.motor import SphericalMotor, motor, torque_characteristic, workspace_sample
+from haptorb.devices.motor import SphericalMotor, workspace_sample
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import Entry, read_entry
 from haptorb_papers.reproduce.item import Item

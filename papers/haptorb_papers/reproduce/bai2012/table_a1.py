@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import motor
 from haptorb.devices.loader import load
-from haptorb.devices.motor import SphericalMotor, motor
+from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import DeviceError
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import Entry, read_entry

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from haptorb.devices.motor import motor, torque_characteristic, workspace_sample
+from haptorb.devices.api import motor, torque_characteristic
+from haptorb.devices.motor import workspace_sample
 from haptorb_papers.reproduce.bai2012.field_estimation import compare_rates, find_accumulation
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import read_count, read_entry

@@ -15,8 +15,9 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.control.drive import choose_duties
 from haptorb.control.guard import make_coils, make_state
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.simulation.coil_circuits import chop, coil_step, cold_coils
 from haptorb_papers.reproduce.item import Item

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0, Dipole

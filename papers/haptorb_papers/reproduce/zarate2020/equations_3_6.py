@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.api import electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.estimation.coil_calibration import excitation, magnetic_calibration
 from haptorb.magnetics import dipole

@@ -15,15 +15,16 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.magnetics import dipole
-from haptorb.simulation.truth import true_wrench
 from haptorb.worlds.base import World
 from haptorb.worlds.dome import Dome
 from haptorb.worlds.terrain import Terrain
 from haptorb_papers.reproduce.item import Basis, Item
 from haptorb_papers.reproduce.registry import Drawing
+from haptorb_papers.reproduce.zarate2020.true_wrench import true_wrench
 
 __all__ = ["compute_given_forces", "items", "radial_zero", "tilt_force_map"]
 

@@ -10,8 +10,8 @@ from scipy.integrate import quad
 
 from haptorb.arrays import Array
 from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import electromagnet
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0

@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
 from haptorb.estimation.heat_calibration import HeatRecord, NetworkIdentification, coil_identification
 from haptorb.simulation.coil_circuits import cold_coils, network_coil_step

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.api import electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
 from haptorb.magnetics.dipole import MU0
 from haptorb.runtime.drivers.sim import SimDriver

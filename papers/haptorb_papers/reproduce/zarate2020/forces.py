@@ -6,8 +6,9 @@ from math import log10, pi, sqrt
 
 import numpy as np
 
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State, endurance
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.magnetics import dipole
 from haptorb.magnetics.dipole import MU0

@@ -18,8 +18,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from haptorb.arrays import Array
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import rotation_to_axis
-from haptorb.devices.electromagnet import Hand, SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.estimation.hall_pose_fit import better_sensors, position_accuracy, with_sensors
 from haptorb.estimation.hall_tracker import HallTracker, noise_share
 from haptorb.estimation.sensor_calibration import without_errors

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from haptorb.arrays import gauss_legendre
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.magnetics.dipole import MU0
-from haptorb.simulation.truth import true_wrench
 from haptorb_papers.reproduce.citation import Citation
 from haptorb_papers.reproduce.entry import Entry, read_count, read_entry
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Report
 from haptorb_papers.reproduce.zarate2020.forces import drive_fully
+from haptorb_papers.reproduce.zarate2020.true_wrench import true_wrench
 
 __all__ = ["items"]
 

@@ -17,8 +17,9 @@ import numpy as np
 
 from haptorb.arrays import Array, gauss_legendre
 from haptorb.control.allocation import LeastSquaresAllocator
+from haptorb.devices.api import electromagnet
 from haptorb.devices.base import State
-from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet, electromagnet
+from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.zarate2020.second_coils import compute_coil_fields
 

@@ -16,7 +16,7 @@ from typing import Protocol, final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.cluster import python_command
+from haptorb.child_process import python_command
 from haptorb.compiled import load_compiler
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device

@@ -23,6 +23,7 @@ from haptorb.devices.quantity import si
 from haptorb.devices.schema import Form, Meaning, Section, Without, explain_mistakes
 from haptorb.errors import InputError, UnknownName, quote
 from haptorb.files import parse_toml, read_text
+from haptorb.rotations import quaternion, rotation_of
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose, TransformedFeed
 
 __all__ = [
@@ -112,7 +113,7 @@ class PoseFormat:
         of the sent angles or quaternion."""
         M = self.matrix
         p = M @ ((np.asarray(place) - self.origin) * self.unit)
-        return tuple(p.tolist()), _find_quaternion(M @ turn @ M.T)
+        return tuple(p.tolist()), tuple(quaternion(M @ turn @ M.T).tolist())
 
 
 def _make_matrix(axes: Sequence[str]) -> Array:
@@ -122,24 +123,10 @@ def _make_matrix(axes: Sequence[str]) -> Array:
     return M
 
 
-def _find_quaternion(R: Array) -> tuple[float, ...]:
-    from scipy.spatial.transform import Rotation
-
-    return tuple(Rotation.from_matrix(R).as_quat().tolist())
-
-
 def _turn_of_quaternion(q: Sequence[float]) -> Array:
     """Rotation matrix of a quaternion (x, y, z, w), which is normalised."""
-    x, y, z, w = q
-    R = np.array(
-        [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), w * w - x * x + y * y - z * z, 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), w * w - x * x - y * y + z * z],
-        ]
-    )
-    found: Array = R / (x * x + y * y + z * z + w * w)
-    return found
+    numbers = np.array(q, dtype=np.float64)
+    return rotation_of(numbers / np.linalg.norm(numbers))
 
 
 #: angles of TUIO and Unity are about their own axes; the same formulas hold in left-handed axes
@@ -456,8 +443,8 @@ class MappedReader(FormatReader):
             turn = _turn_of_quaternion(q)
         else:
             turn = _turn_of_angles(self._layout, [numbers[one] for one in _ANGLES])
-        p, quaternion = self._layout.convert(place, turn)
-        return ReadPose(p, quaternion, True, numbers.get("time"), known.resolution)
+        p, orientation = self._layout.convert(place, turn)
+        return ReadPose(p, orientation, True, numbers.get("time"), known.resolution)
 
     @property
     def remark(self) -> str:  # type: ignore[override]

@@ -15,7 +15,7 @@ import numpy
 import pytest
 
 import haptorb
-from haptorb.cluster import append_folders, environment, python_command, spawn_context
+from haptorb.child_process import append_folders, environment, python_command, spawn_context
 
 SOURCES = Path(haptorb.__file__).resolve().parents[1]  #: `src`
 #: every program of this package that is started as a module
@@ -72,7 +72,7 @@ def test_a_child_runs_the_version_of_the_process_that_starts_it(tmp_path: Path, 
     (tmp_path / "haptorb" / "which.py").write_text("import colorsys, haptorb; print(haptorb.__file__)")
     host = (
         f"import subprocess, sys; sys.path.insert(0, {str(tmp_path)!r} if {found == 'by sys.path'} else sys.path[0]); "
-        "from haptorb.cluster import environment, python_command; "
+        "from haptorb.child_process import environment, python_command; "
         f"subprocess.run(python_command('haptorb.which', isolated={isolated}), env=environment())"
     )
     path = {"PYTHONPATH": str(tmp_path)} if found == "by PYTHONPATH" else {}
@@ -94,7 +94,7 @@ def test_a_source_folder_that_is_installed_in_place_hides_nothing_in_a_child(tmp
     (packages / "in_place.pth").write_text(f"{tmp_path / 'src'}\n{Path(numpy.__file__).parents[1]}\n")
     (packages / "another.pth").write_text(f"{tmp_path}\n")
     host = (
-        "import subprocess, colorsys; from haptorb.cluster import environment, python_command; "
+        "import subprocess, colorsys; from haptorb.child_process import environment, python_command; "
         "subprocess.run(python_command('haptorb.which'), env=environment())"
     )
     command = [str(tmp_path / "venv" / "bin" / "python"), "-P", "-c", host]
@@ -126,7 +126,7 @@ def test_what_a_host_sends_hides_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 def test_python_is_started_in_one_place() -> None:
     """A program that is started elsewhere would not be tried here."""
     # The other two with -I -S: they need the standard library only.
-    apart = {"haptorb/cluster.py", "haptorb/runtime/keep_core_awake.py", "haptorb/limited_process.py"}
+    apart = {"haptorb/child_process.py", "haptorb/runtime/keep_core_awake.py", "haptorb/limited_process.py"}
     for path in SOURCES.rglob("*.py"):
         name, text = str(path.relative_to(SOURCES)), path.read_text(encoding="utf-8")
         if "executable" not in text and "get_context" not in text:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from haptorb import cluster
-from haptorb.cluster import check_versions, count_cores, list_versions, open_cluster, run_jobs
+from haptorb.child_process import count_cores
+from haptorb.cluster import check_versions, list_versions, open_cluster, run_jobs
 from haptorb.errors import InputError
 
 # Importing it takes most of a second, in every process that collects tests.
