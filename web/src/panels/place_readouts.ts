@@ -25,6 +25,6 @@ export class PlaceReadouts extends Readouts {
     const given = norm(sample.vector("wrench_actual"));
     if (!Number.isFinite(given)) return "";
     const place = sample.vector("p").map((metres) => formatNumber(metres * 1000, 0));
-    return `${given.toFixed(1)} newton given at ${place.join(", ")} millimetres`;
+    return `${given.toFixed(1)} newton delivered at ${place.join(", ")} millimetres`;
   }
 }
