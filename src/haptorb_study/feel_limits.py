@@ -137,7 +137,9 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         )
     found = min(stable, full)
     if found < 1.0:
-        reason = f"with force_scale of the snap-fit file the largest possible gain is {found:.2g}, below 1: {reason}"
+        reason = (
+            f"force_scale of the snap-fit file is above the largest possible one, {found:.2g} times as much: {reason}"
+        )
     return ScaleLimits(max(found, 1.0), reason, scale.hand_per_part)
 
 
