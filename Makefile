@@ -79,7 +79,7 @@ $(BIN)/python:
 	@sh scripts/virtual-environment $(VENV)
 
 $(VENV)/.run: $(BUILT_FROM) | $(BIN)/python
-	@echo "Installing haptorb into $(VENV) (the first time: half a minute) ..."
+	@echo "Installing haptorb into $(VENV) (the first time it takes longest) ..."
 	@sh scripts/install-package $(VENV) "[study,design]"
 	@touch $@
 

@@ -2,8 +2,8 @@
 What does a dome feel like?
 ===========================
 
-The force map of Zárate et al. 2020 with half width 18° and cut-off 54°: the force that the world asks for while a tool
-slides down the dome, and the force that the simulated device gives.
+The force map of Zárate et al. 2020 with half width 18° and cut-off 54°: the force that the world commands while a tool
+slides down the dome, and the force that coils and core deliver.
 """
 
 import matplotlib.pyplot as plt
@@ -28,15 +28,15 @@ published, _ = haptorb.force_map(omni, dome, places, model="published")
 figure, axes = plt.subplots(figsize=(7, 4))
 axes.axhline(0.0, color="0.8")
 axes.plot(np.degrees(angle), 1e3 * radial, "--", label="commanded")
-axes.plot(np.degrees(angle), 1e3 * given, label="given, controller with the exact model")
-axes.plot(np.degrees(angle), 1e3 * published, label="given, controller with the published model")
+axes.plot(np.degrees(angle), 1e3 * given, label="delivered, controller with the exact model")
+axes.plot(np.degrees(angle), 1e3 * published, label="delivered, controller with the published model")
 axes.set(xlabel="angle from the summit [deg]", ylabel="radial force, outward [mN]", title="A dome of 18°, cut at 54°")
 axes.legend()
 figure.tight_layout()
 
 # %%
-# The asked force changes sign at θ₁ = 18° and is exactly zero from θ₂ = 54° on. A controller that inverts the exact
-# model gives the force asked for. One that inverts the paper's point dipoles does not know the core's pull, which
+# The commanded force changes sign at θ₁ = 18° and is exactly zero from θ₂ = 54° on. A controller that inverts the exact
+# model delivers it. One that inverts the paper's point dipoles does not know the core's pull, which
 # remains.
 zero = np.degrees(angle[np.argmax(radial < 0)])
 assert abs(zero - 18.0) <= 0.25

@@ -30,7 +30,8 @@ right.legend()
 figure.tight_layout()
 
 # %%
-# 52.9 mN at contact: a fifth of what the coils can sustain.
+# 52.9 mN at contact: a quarter of the continuous radial force there, 0.22 N with one coil warm (`haptorb inspect
+# omni`).
 print(f"{1e3 * pull[0]:.1f} mN at {1e3 * distance[0]:.0f} mm")
 assert abs(pull[0] - 0.0529) < 0.0005
 assert (np.diff(pull) < 0).all()

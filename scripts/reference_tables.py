@@ -158,10 +158,15 @@ def command_line() -> str:
             command.main([*words, "--help"], prog_name="haptorb", standalone_mode=False)
         return "\n".join(line.rstrip() for line in said.getvalue().strip("\n").splitlines())
 
-    names = sorted(name for name, one in getattr(command, "commands", {}).items() if not one.hidden)
-    parts = [f"```text\n{told()}\n```\n"]
-    parts += [f"## haptorb {name}\n\n```text\n{told(name)}\n```\n" for name in names]
-    return "\n".join(parts)
+    def describe(words: tuple[str, ...], known: Any) -> Iterator[str]:
+        """The help of the command of these words, and of the commands below it."""
+        head = f"#{'#' * len(words)} haptorb {' '.join(words)}\n\n" if words else ""
+        yield f"{head}```text\n{told(*words)}\n```\n"
+        for name, one in sorted(getattr(known, "commands", {}).items()):
+            if not one.hidden:
+                yield from describe((*words, name), one)
+
+    return "\n".join(describe((), command))
 
 
 #: what README shows, against the fastest peer only; docs/reference/benchmarks.md has all

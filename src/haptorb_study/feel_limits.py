@@ -32,7 +32,7 @@ __all__ = ["DesignChoice", "StabilityCheck", "find_limits"]
 
 @dataclass(frozen=True)
 class DesignChoice:
-    """Either a design file, or `worlds` (FILE.py:NAME) with common `settings` (NAME=VALUE)."""
+    """Either a snap-fit file, or `worlds` (FILE.py:NAME) with common `settings` (NAME=VALUE)."""
 
     file: str = ""
     worlds: tuple[str, ...] = ()
@@ -44,13 +44,15 @@ class DesignChoice:
         from haptorb.worlds.user_world import is_world_file
 
         if (file is None) == (not worlds):
-            raise InputError("give a design file (haptorb feel designs.toml) or your own worlds (--world FILE.py:NAME)")
+            raise InputError(
+                "give a snap-fit file (haptorb feel designs.toml) or your own worlds (--world FILE.py:NAME)"
+            )
         if settings and not worlds:
-            raise InputError("--set is for --world; in a design file, write the values into it")
+            raise InputError("--set is for --world; in a snap-fit file, write the values into it")
         for world in worlds:
             if not is_world_file(world):
                 raise InputError(
-                    f"--world must be FILE.py:NAME here; got '{world}'. Describe snap-fits in a design file"
+                    f"--world must be FILE.py:NAME here; got '{world}'. Describe snap-fits in a snap-fit file"
                 )
         return cls(str(file or ""), tuple(worlds), tuple(settings))
 
@@ -135,7 +137,9 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         )
     found = min(stable, full)
     if found < 1.0:
-        reason = f"the gain in the design file is above the largest possible one, {found:.2g}: {reason}"
+        reason = (
+            f"force_scale of the snap-fit file is above the largest possible one, {found:.2g} times as much: {reason}"
+        )
     return ScaleLimits(max(found, 1.0), reason, scale.hand_per_part)
 
 

@@ -108,7 +108,7 @@ class ErrorReport(NotebookReport):
             bands.add_row(band.region, *spans, f"{1e3 * band.size:.3g}", f"{budget.count_jnd(band.size):.2f}")
         print_table(console, bands)
         print_text(
-            console, f"size: length of the error vector. JND: {100 * budget.jnd:.3g} % of the wrench asked\n", "dim"
+            console, f"size: length of the error vector. JND: {100 * budget.jnd:.3g} % of the commanded wrench\n", "dim"
         )
         sources = TextTable(
             (

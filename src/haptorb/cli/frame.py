@@ -27,7 +27,10 @@ def register(app: typer.Typer) -> None:
 def frame(
     device: Annotated[str, typer.Argument(help="Device name, or path of a device file.")] = "omni",
     tracker: Annotated[
-        str, typer.Option(help="Tracker with its own frame: osc:PORT, osc:HOST:PORT, lsl:NAME or natnet:HOST.")
+        str,
+        typer.Option(
+            help="Tracker with its own frame: osc:PORT, osc:HOST:PORT, lsl:NAME[/SOURCE], natnet:HOST[:PORT][/BODY]."
+        ),
     ] = "osc:9000",
     out: Annotated[Path | None, typer.Option(help="File to write (default: DEVICE.frame.json).")] = None,
     rehearse: Annotated[

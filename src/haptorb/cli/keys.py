@@ -73,7 +73,7 @@ def keys(
     word: Annotated[str | None, typer.Argument(help="Print only keys with this text in their name or meaning.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the keys of a device, study or design file with units, ranges and defaults: haptorb keys device heat."""
+    """List the keys of a device, study, design or snap-fit file with units and ranges: haptorb keys device heat."""
     if file is None:
         texts = {name: one.text for name, one in FILES.items()}
         if json:

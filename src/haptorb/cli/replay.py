@@ -39,7 +39,13 @@ def replay(
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="With --world: parameter, NAME=VALUE, as for `haptorb run`.")
     ] = None,
-    estimator: Annotated[str | None, typer.Option(help="Estimator to use instead of the recorded one.")] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            help="Estimator to use instead of the recorded one: tracker, hall, least-squares, network, linear (the "
+            "last three of a motor)."
+        ),
+    ] = None,
     model: Annotated[str | None, typer.Option(help="Controller model to use instead of the recorded one.")] = None,
     rate: Annotated[float | None, typer.Option(help="Loop rate [Hz] to use instead of the recorded one.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Let --out and --compare replace existing files.")] = False,

@@ -176,7 +176,7 @@ def draw_comparison(
     part, letter, unit = (slice(3, 6), "T", "N·m") if turning else (slice(0, 3), "F", "N")
     names = [f"${letter}_{axis}$" for axis in "xyz"]
     _draw_both(asked, recorded, replayed, "wrench_commanded", part, names)
-    asked.set_ylabel(f"asked [{unit}]")
+    asked.set_ylabel(f"commanded [{unit}]")
     t, difference = _subtract(recorded, replayed, part)
     for i, values in enumerate(difference.T):
         apart.plot(*thin_curve(t, values), color=_COLOURS[i], linewidth=1.0)

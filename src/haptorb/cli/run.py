@@ -133,7 +133,8 @@ def run(
     world: Annotated[
         str | None,
         typer.Option(
-            help="World to render (default: dome; outlet on a motor), from `haptorb worlds`, or your own: FILE.py:NAME."
+            help="World to render, from `haptorb worlds`, or your own: FILE.py:NAME (default: dome; outlet on a motor; "
+            "with --serve haply or native the programs' force alone, remote)."
         ),
     ] = None,
     settings: Annotated[
@@ -165,7 +166,7 @@ def run(
         str,
         typer.Option(
             help="Source of the tool pose: pointer (in the console), hall (field sensors), osc:PORT, "
-            "osc:HOST:PORT, lsl:NAME, natnet:HOST, replay:FILE."
+            "osc:HOST:PORT, lsl:NAME[/SOURCE], natnet:HOST[:PORT][/BODY], replay:FILE."
         ),
     ] = "pointer",
     prediction: Annotated[

@@ -114,7 +114,7 @@ class SensingAccuracy:
         print_table(console, table)
         print_text(
             console,
-            f"Noise is in every row, filtered to 100 Hz at 1 kHz. force: of {1e3 * FORCE_N:.0f} mN asked in any "
+            f"Noise is in every row, filtered to 100 Hz at 1 kHz. force: of {1e3 * FORCE_N:.0f} mN commanded in any "
             f"direction. JND: just-noticeable difference, {100 * FORCE_JND:.0f} % of force. least: Cramér-Rao bound. "
             "Errors as in the device file; a row that names one error has only that error.",
             "dim",

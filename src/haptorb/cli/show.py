@@ -117,12 +117,15 @@ def inspect(
     wrench: Annotated[
         str | None,
         typer.Option(
-            help='With --errors: wrench asked, such as "100 mN" or "0.4 N*m" (default: half of the smallest peak).'
+            help='With --errors: commanded wrench, such as "100 mN" or "0.4 N*m" (default: half of the smallest peak).'
         ),
     ] = None,
     estimator: Annotated[
         str | None,
-        typer.Option(help="With --errors: source of the mover's pose (default: the first estimator of its kind)."),
+        typer.Option(
+            help="With --errors: source of the mover's pose: tracker, hall (field sensors of a tool), least-squares "
+            "(field sensors of a motor); default: tracker, of a motor least-squares."
+        ),
     ] = None,
     calibration: Annotated[
         Path | None, typer.Option(help="With --errors: calibration file, from `haptorb calibrate`.")

@@ -152,7 +152,7 @@ class RootLoad:
     def _describe_yield(self) -> str:
         begin = f"root strain {100 * self.strain:.3g} %, stress {_megapascal(self.stress)}"
         if self.margin is None or self.yield_strength is None:
-            return f"{begin}; the yield strength of '{self.material}' is not known (yield_strength in a design file)"
+            return f"{begin}; the yield strength of '{self.material}' is not known (yield_strength in a snap-fit file)"
         of = f"{self.material} ({_megapascal(self.yield_strength)})"
         if self.beyond_yield:
             return f"{begin}: BEYOND YIELD of {of}, {1 / self.margin:.3g} times its yield strength"

@@ -1,4 +1,4 @@
-"""Candidate designs of a design file as renderable worlds; every mistake is reported."""
+"""Candidate designs of a snap-fit file as renderable worlds; every mistake is reported."""
 
 from __future__ import annotations
 
@@ -294,7 +294,7 @@ def load_designs(path: str | Path) -> Candidates:
         with the amount (erratum E8).
     """
     where = str(path)
-    text = read_text(path, "design file", InputError, kind=FileKind.FELT_DESIGNS)
+    text = read_text(path, "snap-fit file", InputError, kind=FileKind.FELT_DESIGNS)
     try:
         raw = parse_toml(text)
     except ValueError as cause:

@@ -16,7 +16,7 @@ MIN_GAIN = 0.05  #: smallest gain that a session offers
 
 @dataclass(frozen=True)
 class ScaleLimits:
-    """Limits of the torque scale in a session: gain times the scale of the design file.
+    """Limits of the torque scale in a session: gain times `force_scale` of the snap-fit file.
 
     largest         maximum gain
     reason          of the maximum, as text
