@@ -32,7 +32,7 @@ from haptorb.recording.row import STAGES, RowLayout
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.linux import TickTimeout
 from haptorb.runtime.tick_log import NotedLinkage, TickCommand, TickFailure, TickLog
-from haptorb.worlds.base import PARTS, World, WrenchPart
+from haptorb.worlds.base import PARTS, World, WrenchPart, is_other_world
 from haptorb.worlds.client_force import split_remote
 from haptorb.worlds.dynamic import (
     BoundWorld,
@@ -477,7 +477,7 @@ class Tick(Stateful):
         *,
         choice: WrenchChoice | None = None,
     ) -> None:
-        self.world = world.for_device(device)
+        self.world, self._given = world.for_device(device), split_remote(world)[0]
         self._device, self._dt = device, dt
         check_world_period(self.world, dt)
         self.client = make_client_force()  #: (1,) command of a client program; the loop fills it
@@ -533,8 +533,8 @@ class Tick(Stateful):
         return "" if self._failure is None else explain_trip(*self._failure, self.world)
 
     def change_world(self, world: World) -> None:
-        """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
-        the same with other values without a step (`force_transitions.pass_over`).
+        """Render `world` from the next tick on: another world when the wrench of this one has faded to zero, the same
+        with other values without a step (`force_transitions.pass_over`).
 
         In another kind of world the object is reset; with other parameters it keeps its pose, and a world with memory
         keeps its memory according to its own rule.
@@ -543,14 +543,15 @@ class Tick(Stateful):
         self._log.record(TickCommand.WORLD)
 
     def _go_over(self, world: World, *, other: bool = False) -> None:
-        fitted = world.for_device(self._device)
+        fitted, given = world.for_device(self._device), split_remote(world)[0]
+        other = other or is_other_world(given, self._given)  # safety: another-of-a-class
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
         # The position of an object that was reset differs from that in a memory.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()
-        self.world, self._bound = fitted, bound
+        self.world, self._given, self._bound = fitted, given, bound
         self.protection.change_world(passive=self.world.passive and self.linkage.passive, other=other or restarts)
         self.part.begin(fitted)
         self.world_changes += 1

@@ -24,6 +24,7 @@ let worded = ""; // what the message shows
 let sent = 0;
 let late = 0; // timer of the last move, if it came too soon after the one before
 let wrong = ""; // shown until the next key
+let refused = ""; // why the server closed this page
 
 const typed = element<HTMLInputElement>("typed");
 const pad = element<HTMLCanvasElement>("pad");
@@ -47,13 +48,14 @@ const connection = new Connection<View>("ws/participant", {
     paint();
   },
   showMistake,
-  onClose() {
+  onClose(reason) {
+    refused = reason;
     view = NOBODY;
     pen = aim = null;
     mask?.stop();
     render();
   },
-}, location.hash.slice(1));
+}, location.hash.slice(1) || "none");
 
 function inTrial(): boolean {
   return (view.state === "running" || view.state === "time is up") && view.task !== null && !view.watching;
@@ -265,6 +267,7 @@ function describeStored(): string {
 function describeState(state: string): [string, string] {
   switch (state) {
     case "connecting":
+      if (refused) return ["Access refused", refused];
       return ["No connection", `The study's program does not answer, and STOP on this page does not work now. If you feel a force: ${BY_HAND.toLowerCase()}\n\nThis page comes back by itself.`];
     case "waiting":
       return ["Welcome", "Please wait for the experimenter."];
