@@ -80,6 +80,12 @@ STUDY_STOP = "python benchmarks/safety/study_stop.py"
 
 BREAKS = (
     Break("Every end of a run", "python benchmarks/safety/ends.py --ends 1000", "stop-first", "--ends 7 --boards sim"),
+    Break(
+        "Every end of a run",
+        "python benchmarks/safety/ends.py --ends 1000",
+        "output-queued",
+        "--ends 7 --boards sim --faults terminal",
+    ),
     Break("A terminal or pager", "pytest tests/runtime/servo/test_ends.py -k not_read", "output-queued"),
     Break("A servo in an event loop", "pytest tests/runtime/servo/test_async.py", "async-stop-first"),
     Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
@@ -266,7 +272,7 @@ BREAKS = (
         "-k refused",
     ),
     *(
-        Break("No compiled kernel is loaded", "pytest tests/test_cache_folder.py", change)
+        Break("No compiled kernel, plan", "pytest tests/test_cache_folder.py", change)
         for change in ("cache-private", "private-temporary")
     ),
     Break(

@@ -1,6 +1,7 @@
 """Time until the coils are off for every way in which a run can end, with everything that may hang.
 
-    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--into FILE.jsonl] [--json]
+    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--faults NAME…]
+                                     [--into FILE.jsonl] [--json]
 
 Whole programs are run and ended: by SIGINT, SIGTERM, SIGHUP, `--duration`, an exception in the world, leaving the
 `with` block of a Python program, a page's Stop; while nothing, the server, the recorder, the tracker or the compiler is
@@ -130,9 +131,9 @@ class Case:
     board: str
 
 
-def cases(count: int, boards: Sequence[str]) -> Iterator[Case]:
+def cases(count: int, boards: Sequence[str], faults: Sequence[str]) -> Iterator[Case]:
     """`count` of them: all combinations in turn, the boards next to each other."""
-    every = [Case(end, fault, board) for end in ENDS for fault in FAULTS for board in boards]
+    every = [Case(end, fault, board) for end in ENDS for fault in faults for board in boards]
     # A step that shares no factor with their number: few ends are a sample of all kinds, not the first of them.
     step = next(n for n in (8, 31, 37, 41) if math.gcd(n, len(every)) == 1)
     return islice(cycle(every[(k * step) % len(every)] for k in range(len(every))), count)
@@ -271,6 +272,7 @@ class Program:
         self._noted, self._errors = folder / f"noted-{number}", folder / f"errors-{number}"
         self._pipe = -1
         self._stopped: list[int] = []
+        self._hangs = False
         self._asked = False  #: to end, by what this case is about
         self._pages = ExitStack()
         self.memory: SharedMemory | None = None
@@ -336,8 +338,8 @@ class Program:
             return False
         if self.memory.words[Word.SERVERS] != Phase.RUNNING:
             return False
-        if self.case.fault in ("compiler", "terminal"):
-            self._hang()  # now: it would be done before the duration is over
+        if self.case.fault == "compiler" or (self.case.fault == "terminal" and self.case.end == "duration"):
+            self._hang()  # now: it would be done, or the duration over, before
         elif self.case.fault in MODULES and not self._find(MODULES[self.case.fault]):
             raise LostRun(f"no {self.case.fault} any more")
         return True
@@ -382,7 +384,7 @@ class Program:
         if self.case.end == "duration":
             over = float(self._noted.read_text())
             time.sleep(max(over - 0.03 - time.monotonic(), 0.0))
-        if not self._stopped and self.case.fault != "terminal":
+        if not self._hangs:
             self._hang()
         if not self._on():
             raise LostRun("the coils were off already")
@@ -430,6 +432,7 @@ class Program:
 
     def _hang(self) -> None:
         """What hangs from now on."""
+        self._hangs = True
         if self.case.fault in MODULES:
             pid = self._find(MODULES[self.case.fault])
             if not pid:
@@ -544,10 +547,15 @@ class Results:
 
 
 def measure(
-    count: int, lanes: int, boards: Sequence[str], results: Results, notify: Callable[[str], None]
+    count: int,
+    lanes: int,
+    boards: Sequence[str],
+    faults: Sequence[str],
+    results: Results,
+    notify: Callable[[str], None],
 ) -> list[tuple[Case, float]]:
     """`count` ends with those of `results`: each with the time for which the coils stayed on [ms]."""
-    todo, found = list(cases(count, boards)), results.found
+    todo, found = list(cases(count, boards, faults)), results.found
     for case, _ in found:
         with suppress(ValueError):
             todo.remove(case)
@@ -621,6 +629,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--ends", type=int, default=168)
     parser.add_argument("--lanes", type=int, default=2, help="programs at the same time; one is measured at a time")
     parser.add_argument("--boards", nargs="*", default=BOARDS, choices=BOARDS)
+    parser.add_argument("--faults", nargs="*", default=FAULTS, choices=FAULTS, help="what hangs or blocks meanwhile")
     parser.add_argument("--into", type=Path, help="file of the ends measured so far, which is continued")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
@@ -630,8 +639,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
     results = Results(options.into)
     found = measure(
-        options.ends, options.lanes, options.boards, results, lambda text: print(text, file=sys.stderr, flush=True)
-    )
+        options.ends, options.lanes, options.boards, options.faults, results,
+        lambda text: print(text, file=sys.stderr, flush=True),
+    )  # fmt: skip
     times = [took for _, took in found]
     good = len(found) >= options.ends and max(times) <= LIMIT
     if options.json:
