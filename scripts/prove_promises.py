@@ -91,10 +91,13 @@ BREAKS = (
     Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
     Break("A child process runs nothing", "pytest tests/cluster/test_python_process.py", "no-current-folder"),
-    Break(
-        "A server, recorder or servo",
-        'pytest tests/runtime/servo/test_ends.py -k "hangs_while or full"',
-        "start-hangs",
+    *(
+        Break(
+            "A server, recorder or servo",
+            'pytest tests/runtime/servo/test_ends.py -k "hangs_while or full"',
+            change,
+        )
+        for change in ("start-hangs", "start-sends-beside")
     ),
     Break("After a Stop the coils stay off", INTERLEAVINGS, "engage-void", "--interleavings 2000"),
     Break("Every transition from off to on", INTERLEAVINGS, "engaging-ramps-from-zero", "--interleavings 500"),

@@ -84,6 +84,12 @@ RULES = [
         f"{END_TESTS}::test_a_process_that_hangs_while_it_starts_is_refused_in_time",
     ),
     (
+        "start-sends-beside",
+        "a process that does not read at its start blocks nobody",
+        "replace value by one.process.stdin.write(pack(spec))",
+        f"{END_TESTS}::test_a_server_that_hangs_while_it_starts_is_refused_in_time[pmsm]",
+    ),
+    (
         "regular-file",
         "what is opened is a regular file",
         "never",
@@ -337,7 +343,7 @@ RULES = [
     (
         "another-of-a-class",
         "another world of the same class is felt after zero",
-        "drop",
+        "replace value by False",
         f"{TICK_TESTS}::test_another_world_of_the_same_class_is_felt_when_the_force_of_this_one_is_zero",
     ),
     ("waited-is-stale", "a command that waited for its server is not felt", "never", HANDOVER_TESTS),

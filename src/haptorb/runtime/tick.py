@@ -58,6 +58,7 @@ __all__ = [
     "fill_quaternion",
     "fill_row",
     "fill_silent_row",
+    "render_world",
 ]
 
 
@@ -477,7 +478,7 @@ class Tick(Stateful):
         *,
         choice: WrenchChoice | None = None,
     ) -> None:
-        self.world, self._given = world.for_device(device), split_remote(world)[0]
+        self.world = world.for_device(device)
         self._device, self._dt = device, dt
         check_world_period(self.world, dt)
         self.client = make_client_force()  #: (1,) command of a client program; the loop fills it
@@ -533,8 +534,8 @@ class Tick(Stateful):
         return "" if self._failure is None else explain_trip(*self._failure, self.world)
 
     def change_world(self, world: World) -> None:
-        """Render `world` from the next tick on: another world when the wrench of this one has faded to zero, the same
-        with other values without a step (`force_transitions.pass_over`).
+        """Render `world` from the next tick on: another kind of world when the wrench of this one has faded to zero,
+        the same with other values without a step (`force_transitions.pass_over`).
 
         In another kind of world the object is reset; with other parameters it keeps its pose, and a world with memory
         keeps its memory according to its own rule.
@@ -543,15 +544,14 @@ class Tick(Stateful):
         self._log.record(TickCommand.WORLD)
 
     def _go_over(self, world: World, *, other: bool = False) -> None:
-        fitted, given = world.for_device(self._device), split_remote(world)[0]
-        other = other or is_other_world(given, self._given)  # safety: another-of-a-class
+        fitted = world.for_device(self._device)
         check_world_period(fitted, self._dt)
         restarts = type(split_remote(fitted)[0]) is not type(split_remote(self.world)[0])
         # The position of an object that was reset differs from that in a memory.
         bound = bind_world(fitted, self._dt, None if restarts and self.linkage.modes else self._bound, self.client)
         if restarts:
             self.linkage.restart()
-        self.world, self._given, self._bound = fitted, given, bound
+        self.world, self._bound = fitted, bound
         self.protection.change_world(passive=self.world.passive and self.linkage.passive, other=other or restarts)
         self.part.begin(fitted)
         self.world_changes += 1
@@ -869,6 +869,14 @@ class Chain(Protocol):
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next step on. Raises InputError if the device cannot."""
+
+
+def render_world(chain: Chain, world: World, before: World) -> None:
+    """Let `chain` render `world` after `before`: another function, sum or scene of the same class passes through zero,
+    as another class does, and other values of the same world do not."""
+    new, old = split_remote(world)[0], split_remote(before)[0]
+    other = type(new) is type(old) and is_other_world(new, old)  # safety: another-of-a-class
+    (chain.replace_world if other else chain.change_world)(world)
 
 
 # --------------------------------------------------------------------------------------------------

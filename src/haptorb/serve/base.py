@@ -540,7 +540,7 @@ class Serving:
             errors=self._error_file(one), stdin=subprocess.PIPE, descriptors=tuple(prepared.descriptors),
         )  # fmt: skip
         # A device with its tables is larger than a pipe; what a process does that hangs is watched by `start`.
-        send_beside(one.process, pack(spec))
+        send_beside(one.process, pack(spec))  # safety: start-sends-beside
 
     def _error_file(self, one: _Server) -> Path:
         assert self._folder is not None
