@@ -21,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -33,6 +34,8 @@ from safety_markers import MarkerError, break_code, find_marked
 ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / "docs" / "explanation" / "safety.md"
 TIMEOUT = 1800.0  #: of one command [s]
+#: the same for each unit of an option of commands that take longer [s]
+TIMEOUTS = {"--ends": 20.0}
 #: commands that are not proved, with the reason
 NOT_PROVED = {
     "haptorb hardware probe": "only a real device answers it",
@@ -77,13 +80,24 @@ STUDY_STOP = "python benchmarks/safety/study_stop.py"
 
 BREAKS = (
     Break("Every end of a run", "python benchmarks/safety/ends.py --ends 1000", "stop-first", "--ends 7 --boards sim"),
+    Break(
+        "Every end of a run",
+        "python benchmarks/safety/ends.py --ends 1000",
+        "output-queued",
+        "--ends 7 --boards sim --faults terminal",
+    ),
+    Break("A terminal or pager", "pytest tests/runtime/servo/test_ends.py -k not_read", "output-queued"),
+    Break("A servo in an event loop", "pytest tests/runtime/servo/test_async.py", "async-stop-first"),
     Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
     Break("A child process runs nothing", "pytest tests/test_child_process.py", "no-current-folder"),
-    Break(
-        "A server, recorder or servo",
-        'pytest tests/runtime/servo/test_ends.py -k "hangs_while or full"',
-        "start-hangs",
+    *(
+        Break(
+            "A server, recorder or servo",
+            'pytest tests/runtime/servo/test_ends.py -k "hangs_while or full"',
+            change,
+        )
+        for change in ("start-hangs", "start-sends-beside")
     ),
     Break("After a Stop the coils stay off", INTERLEAVINGS, "engage-void", "--interleavings 2000"),
     Break("Every transition from off to on", INTERLEAVINGS, "engaging-ramps-from-zero", "--interleavings 500"),
@@ -216,6 +230,7 @@ BREAKS = (
         for change in ("client-force-rate", "clients-pass-zero")
     ),
     Break("What changes who commands", "python benchmarks/safety/client_forces.py", "clients-flow-at-their-rate"),
+    Break("What changes who commands", "pytest tests/runtime/tick/test_tick.py -k another_world", "another-of-a-class"),
     Break("Only the client that holds", "pytest tests/serve/test_handover.py", "holder-maps"),
     Break(
         "A program for Force Dimension's",
@@ -249,7 +264,7 @@ BREAKS = (
             change,
             "--attempts 80",
         )
-        for change in ("serve-account", "osc-token", "tracker-account", "secret-by-pipe")
+        for change in ("serve-account", "osc-token", "tracker-account", "secret-by-pipe", "study-token")
     ),
     Break("A database's password", "pytest tests/cli/test_passwords.py", "no-password-in-words"),
     Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),
@@ -259,7 +274,10 @@ BREAKS = (
         "web-message",
         "-k refused",
     ),
-    Break("No compiled kernel is loaded", "pytest tests/test_cache_folder.py", "cache-private"),
+    *(
+        Break("No compiled kernel, plan", "pytest tests/test_cache_folder.py", change)
+        for change in ("cache-private", "private-temporary")
+    ),
     Break(
         "What is opened runs no code",
         "pytest tests/worlds/user_world/test_started_code.py tests/contracts/test_foreign_recordings.py",
@@ -272,7 +290,6 @@ BREAKS = (
     Break("A file of another kind", "pytest tests/contracts/test_file_kinds.py", "kind-told", "-k info"),
     Break("A database computes nothing", "pytest tests/contracts/test_strangers_databases.py", "database-schema"),
     Break("A scene reads files of its own", "pytest tests/worlds/scene/test_strangers_scenes.py", "named-inside"),
-    Break("No compiled kernel is loaded", "pytest tests/test_cache_folder.py", "cache-private"),
     Break(
         "A file is read, or rejected",
         "python tests/fuzz/hostile_files.py",
@@ -337,6 +354,13 @@ def copy_tree(folder: Path) -> Path:
     return Path(shutil.copytree(ROOT, folder / "tree", ignore=left_out))
 
 
+def find_timeout(command: str) -> float:
+    """Longest time of `command` [s]."""
+    words = shlex.split(command)
+    counts = {name: float(words[words.index(name) + 1]) for name in TIMEOUTS if name in words}
+    return max([TIMEOUT, *(TIMEOUTS[name] * count for name, count in counts.items())])
+
+
 def run_command(command: str, tree: Path, *, retry: bool = True) -> tuple[bool, str]:
     """Whether `command` succeeds in `tree`, and the end of what it printed; `retry` tests beside a clock, as usual."""
     words = shlex.split(command)
@@ -347,12 +371,13 @@ def run_command(command: str, tree: Path, *, retry: bool = True) -> tuple[bool, 
         words = [sys.executable, *(["-m", "haptorb"] if words[0] == "haptorb" else []), *words[1:]]
     environment = {**os.environ, "PYTHONPATH": str(tree / "src"), "XDG_CACHE_HOME": str(tree.parent / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
+    timeout = find_timeout(command)
     try:
         run = subprocess.run(
-            words, cwd=tree, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
+            words, cwd=tree, env=environment, capture_output=True, text=True, timeout=timeout, check=False
         )
     except subprocess.TimeoutExpired:
-        return False, f"did not end within {TIMEOUT:g} s"
+        return False, f"did not end within {timeout:g} s"
     said = (run.stdout + run.stderr)[-1500:]
     if "pytest" in words and run.returncode not in (0, 1):
         raise SystemExit(f"{command}: pytest could not run its tests\n{said}")
@@ -386,9 +411,11 @@ def run_all(promises: dict[str, list[str]], words: list[str]) -> int:
     }
     failed = 0
     for command, promise in chosen.items():
+        begun = time.monotonic()
         succeeds, output = run_command(command, ROOT)
         failed += not succeeds
-        print(f"{'kept' if succeeds else 'NOT kept'}: {promise}: {command}", flush=True)
+        seconds = time.monotonic() - begun
+        print(f"{'kept' if succeeds else 'NOT kept'} ({seconds:.0f} s): {promise}: {command}", flush=True)
         print("\n".join(f"    {line}" for line in output.splitlines()[-4 if succeeds else -30 :]), flush=True)
     print(f"{len(chosen) - failed} of {len(chosen)} commands show that their promises are kept")
     return int(failed > 0)

@@ -53,6 +53,7 @@ STALLED_TESTS = "tests/runtime/test_stalled_recorder.py"
 HAND_TESTS = "tests/runtime/servo/test_hand.py"
 LEFTOVER_TESTS = "tests/runtime/linux/test_stale_files.py"
 IMPORT_TESTS, END_TESTS = "tests/test_child_process.py", "tests/runtime/servo/test_ends.py"
+ASYNC_TESTS = "tests/runtime/servo/test_async.py"
 PART_TESTS = "tests/runtime/tick/test_rendered_part.py"
 MEMORY_TESTS, TICK_TESTS = "tests/runtime/tick/test_memory.py", "tests/runtime/tick/test_tick.py"
 FEED_TESTS, FRAMED_TESTS = "tests/runtime/trackers/test_trackers.py", "tests/runtime/trackers/test_framed_feed.py"
@@ -81,6 +82,12 @@ RULES = [
         "a process that hangs while it starts is refused",
         "replace value by False",
         f"{END_TESTS}::test_a_process_that_hangs_while_it_starts_is_refused_in_time",
+    ),
+    (
+        "start-sends-beside",
+        "a process that does not read at its start blocks nobody",
+        "replace value by one.process.stdin.write(pack(spec))",
+        f"{END_TESTS}::test_a_server_that_hangs_while_it_starts_is_refused_in_time[pmsm]",
     ),
     (
         "regular-file",
@@ -134,6 +141,12 @@ RULES = [
     ("cache-own", "a kernel is kept where only its owner writes", "never", CACHE_TESTS),
     ("cache-private", "a cache that others can write is not used", "always", CACHE_TESTS),
     (
+        "private-temporary",
+        "what is executed lies in no folder that others can rename",
+        "always",
+        f"{CACHE_TESTS}::test_what_is_executed_lies_in_no_temporary_folder_that_others_may_rename",
+    ),
+    (
         "no-current-folder",
         "a child imports nothing from the current folder",
         'replace value.elts[1] by "-u"',
@@ -168,6 +181,24 @@ RULES = [
         "every end of a run begins with coils off",
         "drop",
         f"{END_TESTS}::test_leaving_the_block_switches_off_first",
+    ),
+    (
+        "async-stop-first",
+        "every end of a run in an event loop begins with coils off",
+        "drop",
+        f"{ASYNC_TESTS}::test_the_coils_are_off_before_anything_else_ends",
+    ),
+    (
+        "console-loop-first",
+        "an end of the console's server waits for no thread with the coils on",
+        "drop",
+        "tests/web/console/test_console.py::test_whatever_ends_the_server_the_coils_are_off_before_its_threads_end",
+    ),
+    (
+        "output-queued",
+        "a terminal that does not read delays no end",
+        "replace value by self._stream.write(text) and self._stream.flush()",
+        f"{END_TESTS}::test_a_terminal_that_does_not_read_delays_no_end",
     ),
     (
         "signal-stop",
@@ -309,6 +340,12 @@ RULES = [
     ("fades-are-free", "a fade after a trip is not held back", "without 2", PASS_TESTS),
     ("contacts-are-free", "a world's own contact has no rate limit", "never", PASS_TESTS),
     ("worlds-pass-zero", "another world is felt after zero", "replace value by False", PASS_TESTS),
+    (
+        "another-of-a-class",
+        "another world of the same class is felt after zero",
+        "replace value by False",
+        f"{TICK_TESTS}::test_another_world_of_the_same_class_is_felt_when_the_force_of_this_one_is_zero",
+    ),
     ("waited-is-stale", "a command that waited for its server is not felt", "never", HANDOVER_TESTS),
     ("late-messages", "what waited for long changes nothing", "replace value by False", HANDOVER_TESTS),
     ("late-requests", "an OSC request that waited for long changes no world", "replace value by False", OSC_LATE_TESTS),
@@ -317,6 +354,7 @@ RULES = [
     ("own-account", "another account is not this one", "replace value by True", OWNER_TESTS),
     ("orphaned-socket", "a connection that no program has is nobody's", "replace value by True", OWNER_TESTS),
     ("one-owner", "a port of two accounts is nobody's", "replace value.test by True", OWNER_TESTS),
+    ("port-not-shared", "a port that others may bind is nobody's", "never", OWNER_TESTS),
     ("serve-account", "another account or computer uses no server without the token", "always", ACCESS_TESTS),
     ("osc-account", "another account sends no OSC message", "never", ACCOUNT_TESTS),
     ("osc-reader-account", "a port that passed to another account is sent no rows", "never", ACCOUNT_TESTS),
@@ -432,7 +470,7 @@ RULES = [
     ("calibration-step", "a calibration does not go on behind a failed step", "never", GUIDED_TESTS),
     ("tool-reversed", "a tool whose magnet is reversed is refused", "never", GUIDED_TESTS),
     ("participant-steers", "a participant's page cannot steer", "always", PAGES_TESTS),
-    ("experimenter-token", "an experimenter's page needs the token", "never", PAGES_TESTS),
+    ("study-token", "a study's page needs its token, the participant's too", "never", PAGES_TESTS),
     ("participant-gone", "a participant's page that goes away pauses", "never", PAGES_TESTS),
     (
         "study-pause",

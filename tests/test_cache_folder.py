@@ -216,3 +216,49 @@ def test_nothing_is_kept_where_a_folder_was_opened_to_others_later(
     place.chmod(0o777)
     with pytest.raises(PermissionError, match="every account"):
         private_folder("kernels", "one")
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o1777, 0o700])
+def test_what_is_executed_lies_in_no_temporary_folder_that_others_may_rename(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int
+) -> None:
+    """The servo's process executes its plan: with TMPDIR writable for all, another account could replace the folder."""
+    from haptorb import cache_folder
+    from haptorb.files import sweep
+    from haptorb.runtime import prestart
+
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "tmp").chmod(mode)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("HAPTORB_CACHE_FOLDER", raising=False)
+    cache_folder._choose.cache_clear()
+    try:
+        folder, claim = prestart._create_folder()
+        safe = mode != 0o777
+        assert folder.is_relative_to(tmp_path / ("tmp" if safe else "cache"))
+        assert explain_shared(folder) == ""
+        assert sweep() == 0
+        claim.close()
+        assert sweep() == 1
+        assert not folder.exists()
+        assert list((tmp_path / "tmp").iterdir()) == []
+    finally:
+        cache_folder._choose.cache_clear()
+
+
+def test_where_everything_is_shared_nothing_is_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from haptorb import files
+    from haptorb.errors import HaptorbError
+
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "tmp").chmod(0o777)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+
+    def refuse(*parts: str) -> Path:
+        raise PermissionError
+
+    monkeypatch.setattr(files, "private_folder", refuse)
+    with pytest.raises(HaptorbError, match="set TMPDIR to a folder of yours"), files.private_temporary_folder("x-"):
+        pass
+    assert list((tmp_path / "tmp").iterdir()) == []

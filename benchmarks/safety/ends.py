@@ -1,10 +1,12 @@
 """Time until the coils are off for every way in which a run can end, with everything that may hang.
 
-    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--into FILE.jsonl] [--json]
+    python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--faults NAME…]
+                                     [--into FILE.jsonl] [--json]
 
 Whole programs are run and ended: by SIGINT, SIGTERM, SIGHUP, `--duration`, an exception in the world, leaving the
 `with` block of a Python program, a page's Stop; while nothing, the server, the recorder, the tracker or the compiler is
-stopped by SIGSTOP, or the recording is a pipe that nobody reads; on the simulated device and on the emulated board
+stopped by SIGSTOP, the recording is a pipe that nobody reads, or the terminal does not read while the world prints and
+its file was saved with a mistake; on the simulated device and on the emulated board
 (which needs `make firmware` and `make -C firmware emulator`). Each end begins with the coils on.
 
 Measured from outside the program, from just before the signal is sent (flag made, line written, message sent, duration
@@ -24,8 +26,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import re
+import select
 import signal
 import socket
 import statistics
@@ -53,7 +57,7 @@ EARLY = 2.0  #: the board's clock and this program's agree so far about the end 
 BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGHUP": signal.SIGHUP}
 ENDS = (*SIGNALS, "duration", "exception", "with", "page")
-FAULTS = ("nothing", "server", "recorder", "tracker", "compiler", "disk")
+FAULTS = ("nothing", "server", "recorder", "tracker", "compiler", "disk", "terminal")
 BOARDS = ("sim", "emulated")
 MODULES = {
     "server": "haptorb.serve.server_process",
@@ -63,6 +67,8 @@ MODULES = {
 }
 START = 90.0  #: for a program to have its coils on, on a busy computer [s]
 LASTS = 1.0  #: the run of which --duration ends, from the first tick [s]
+LASTS_BLOCKED = 4.0  #: the same with a terminal that does not read [s]
+NOTICED = 1.2  #: until a program has printed of a world's file that was saved [s]
 WORLD = """
 import os
 import numpy as np
@@ -70,6 +76,8 @@ import numpy as np
 def push(state):
     if os.path.exists({flag!r}):
         raise RuntimeError("the end of this run")
+    if os.path.exists({loud!r}):
+        print("something to read " * 50)
     return np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
 """
 #: The program: the command itself, or a `with` block. Beside that it only opens the pipe in place of the recording,
@@ -123,11 +131,11 @@ class Case:
     board: str
 
 
-def cases(count: int, boards: Sequence[str]) -> Iterator[Case]:
+def cases(count: int, boards: Sequence[str], faults: Sequence[str]) -> Iterator[Case]:
     """`count` of them: all combinations in turn, the boards next to each other."""
-    every = [Case(end, fault, board) for end in ENDS for fault in FAULTS for board in boards]
+    every = [Case(end, fault, board) for end in ENDS for fault in faults for board in boards]
     # A step that shares no factor with their number: few ends are a sample of all kinds, not the first of them.
-    step = next(n for n in (31, 37, 41) if len(every) % n)
+    step = next(n for n in (8, 31, 37, 41) if math.gcd(n, len(every)) == 1)
     return islice(cycle(every[(k * step) % len(every)] for k in range(len(every))), count)
 
 
@@ -181,7 +189,6 @@ class Lane:
         self._folder = folder
         folder.mkdir()
         self._flag = folder / "raise"
-        (folder / "world.py").write_text(WORLD.format(flag=str(self._flag)))
         self.emulator: Emulator | None = None
         if "emulated" in boards:
             self.emulator = self._stack.enter_context(Emulator(BUILD, folder / "board"))
@@ -197,6 +204,8 @@ class Lane:
         """From the signal to coils off [ms], and what the rows say of it. Raises LostRun."""
         self._number += 1
         self._flag.unlink(missing_ok=True)
+        (self._folder / "loud").unlink(missing_ok=True)
+        (self._folder / "world.py").write_text(WORLD.format(flag=str(self._flag), loud=str(self._folder / "loud")))
         program = Program(case, self._folder, self._number, self._tracker, self._flag, self.emulator)
         try:
             program.wait_until_on()
@@ -208,17 +217,62 @@ class Lane:
         return took, program.evidence
 
 
+class Terminal:
+    """Writes what a program prints to a file, except while it does not read."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._out, self.into = os.pipe()
+        self._reads = threading.Event()
+        self._reads.set()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        with self._path.open("ab", buffering=0) as file:
+            while True:
+                self._reads.wait()
+                if select.select([self._out], [], [], 0.02)[0] and self._reads.is_set():
+                    if not (text := os.read(self._out, 65536)):
+                        return
+                    file.write(text)
+
+    def block(self) -> None:
+        """Read no more; there is no room for what is printed from now on."""
+        self._reads.clear()
+        time.sleep(0.05)
+        filler = os.open(f"/proc/self/fd/{self._out}", os.O_WRONLY | os.O_NONBLOCK)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(filler, b"\n" * 4096)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(filler, b"\n")
+        os.close(filler)
+
+    def read_on(self) -> None:
+        """Read again."""
+        self._reads.set()
+
+    def close(self) -> None:
+        """The program has ended: read what is left."""
+        self._reads.set()
+        self._thread.join(10.0)
+        os.close(self._out)
+
+
 class Program:
     """A running program with its coils on, and what is known of it from outside."""
 
     def __init__(
         self, case: Case, folder: Path, number: int, tracker: int, flag: Path, emulator: Emulator | None
     ) -> None:
-        self.case, self._flag = case, flag
+        self.case, self._flag, self._folder = case, flag, folder
         self._emulator = emulator if case.board == "emulated" else None
         self._noted, self._errors = folder / f"noted-{number}", folder / f"errors-{number}"
         self._pipe = -1
         self._stopped: list[int] = []
+        self._hangs = False
         self._asked = False  #: to end, by what this case is about
         self._pages = ExitStack()
         self.memory: SharedMemory | None = None
@@ -238,7 +292,7 @@ class Program:
         if not self.page:
             arguments.append("--headless")
         if case.end == "duration":
-            arguments += ["--duration", f"{LASTS:g}"]
+            arguments += ["--duration", f"{LASTS_BLOCKED if case.fault == 'terminal' else LASTS:g}"]
         given = {
             "pipe": str(pipe) if self._pipe >= 0 else "", "compiler": case.fault == "compiler",
             "with": case.end == "with", "noted": str(self._noted), "arguments": arguments, "world": world,
@@ -247,11 +301,14 @@ class Program:
         if self._emulator is not None:
             self._emulator.set_pace()  # it takes a processor at full pace, and nobody talks to it yet
             self._emulator.discard_lines()
-        with self._errors.open("wb") as errors:
+        self._terminal = Terminal(self._errors)
+        try:
             self.host = start(
-                [sys.executable, "-P", "-c", HOST, json.dumps(given)],
-                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True,
+                [sys.executable, "-P", "-c", HOST, json.dumps(given)], stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL, stderr=self._terminal.into, start_new_session=True,
             )  # fmt: skip
+        finally:
+            os.close(self._terminal.into)
 
     def wait_until_on(self) -> None:
         """The loop drives the coils, and what is to hang is there."""
@@ -281,8 +338,8 @@ class Program:
             return False
         if self.memory.words[Word.SERVERS] != Phase.RUNNING:
             return False
-        if self.case.fault == "compiler":
-            self._hang()  # now: it would be done before the duration is over
+        if self.case.fault == "compiler" or (self.case.fault == "terminal" and self.case.end == "duration"):
+            self._hang()  # now: it would be done, or the duration over, before
         elif self.case.fault in MODULES and not self._find(MODULES[self.case.fault]):
             raise LostRun(f"no {self.case.fault} any more")
         return True
@@ -327,7 +384,7 @@ class Program:
         if self.case.end == "duration":
             over = float(self._noted.read_text())
             time.sleep(max(over - 0.03 - time.monotonic(), 0.0))
-        if not self._stopped:
+        if not self._hangs:
             self._hang()
         if not self._on():
             raise LostRun("the coils were off already")
@@ -375,6 +432,7 @@ class Program:
 
     def _hang(self) -> None:
         """What hangs from now on."""
+        self._hangs = True
         if self.case.fault in MODULES:
             pid = self._find(MODULES[self.case.fault])
             if not pid:
@@ -385,6 +443,12 @@ class Program:
             with suppress(BlockingIOError):
                 while True:
                     os.write(self._pipe, bytes(65536))
+        elif self.case.fault == "terminal":
+            self._terminal.block()
+            (self._folder / "loud").touch()
+            with (self._folder / "world.py").open("a") as file:
+                file.write("a mistake\n")
+            time.sleep(NOTICED)
 
     def _wait_for_row(self, before: float, cursor: int) -> float:
         assert self.memory is not None
@@ -413,11 +477,12 @@ class Program:
 
     def said(self) -> str:
         """Beginning and end of what it printed; where it hung, if it did not end."""
-        text = self._errors.read_text()
+        text = re.sub(r"\n{3,}", "\n\n", self._errors.read_text())
         return text if len(text) < 6000 else f"{text[:2000]}\n...\n{text[-4000:]}"
 
     def tidy(self) -> list[str]:
         """What hung continues; the program ends, by SIGINT if it still runs. What it left behind."""
+        self._terminal.read_on()
         for pid in self._stopped:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
@@ -441,6 +506,7 @@ class Program:
             time.sleep(1.0)
             self.host.kill()
         self.host.wait()
+        self._terminal.close()
         with suppress(Exception):  # a page's connection ends with its server
             self._pages.close()
         if self._pipe >= 0:
@@ -481,10 +547,15 @@ class Results:
 
 
 def measure(
-    count: int, lanes: int, boards: Sequence[str], results: Results, notify: Callable[[str], None]
+    count: int,
+    lanes: int,
+    boards: Sequence[str],
+    faults: Sequence[str],
+    results: Results,
+    notify: Callable[[str], None],
 ) -> list[tuple[Case, float]]:
     """`count` ends with those of `results`: each with the time for which the coils stayed on [ms]."""
-    todo, found = list(cases(count, boards)), results.found
+    todo, found = list(cases(count, boards, faults)), results.found
     for case, _ in found:
         with suppress(ValueError):
             todo.remove(case)
@@ -558,6 +629,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--ends", type=int, default=168)
     parser.add_argument("--lanes", type=int, default=2, help="programs at the same time; one is measured at a time")
     parser.add_argument("--boards", nargs="*", default=BOARDS, choices=BOARDS)
+    parser.add_argument("--faults", nargs="*", default=FAULTS, choices=FAULTS, help="what hangs or blocks meanwhile")
     parser.add_argument("--into", type=Path, help="file of the ends measured so far, which is continued")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
@@ -567,8 +639,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
     results = Results(options.into)
     found = measure(
-        options.ends, options.lanes, options.boards, results, lambda text: print(text, file=sys.stderr, flush=True)
-    )
+        options.ends, options.lanes, options.boards, options.faults, results,
+        lambda text: print(text, file=sys.stderr, flush=True),
+    )  # fmt: skip
     times = [took for _, took in found]
     good = len(found) >= options.ends and max(times) <= LIMIT
     if options.json:

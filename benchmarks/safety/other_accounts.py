@@ -9,7 +9,8 @@ that has given up this account for good tries in turn: WebSockets of `haply`, `f
 `haply` over HTTP; forces, subscriptions, parameters and worlds by OSC; poses and losses for the tracker; the arguments
 and environments of all processes, shared memory and temporary files, where it looks for the tokens. Every attempt that
 is answered with more than a refusal counts, and so does a session that holds the device, a force, or a pose that is not
-the sender's.
+the sender's. Then the pages of `haptorb study run`, whose participant's page is open: every event that one without the
+token is told counts.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +52,10 @@ START = 240.0  #: for a run whose code must be compiled first [s]
 UPGRADE = (
     "GET {path} HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n"
+)
+STUDY = (
+    'name = "watched"\n[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n'
+    "[trials]\nrepetitions = 1\n"
 )
 PUSH = {"inverse3": [{"commands": {"set_cursor_force": {"vector": {"x": 0.5, "y": 0.0, "z": 0.0}}}}]}
 
@@ -82,6 +89,12 @@ class Stranger:
             lambda: self.datagrams("tracker", osc("/haptorb/pose", "token", *ELSEWHERE, 0.0, 0.0, 0.0, 1.0)),
             self.send_poses, self.read_processes, self.read_files,
         ]  # fmt: skip
+        if "study" in ports:
+            words = ("", "none", secrets.token_urlsafe(16), '{"do": "agree", "agreed": true}', '{"do": "stop"}')
+            self.attempts = [
+                partial(self.open_page, page, word) for word in words for page in ("participant", "experimenter")
+            ]
+            self.attempts.append(self.read_processes)
 
     def _exchange(self, port: int, data: str) -> bytes:
         with socket.create_connection(("127.0.0.1", port), timeout=1.0) as client:
@@ -92,6 +105,18 @@ class Stranger:
         port = self.ports[name]
         answer = self._exchange(port, UPGRADE.format(path=path, port=port, more="Sec-WebSocket-Protocol: haptorb\r\n"))
         return "" if b" 101 " not in answer.splitlines()[0] + b" " else f"a WebSocket of {name}"
+
+    def open_page(self, page: str, word: str) -> str:
+        """A page of a study that says `word` first, and one that is there while nobody says anything."""
+        port = self.ports["study"]
+        ask = UPGRADE.format(path=f"/ws/{page}", port=port, more="").encode()
+        with socket.create_connection(("127.0.0.1", port), timeout=1.0) as client:
+            client.sendall(ask + bytes((0x81, 0x80 | len(word), 0, 0, 0, 0)) + word.encode())
+            answer = b""
+            with suppress(OSError):  # a page that is served stays open
+                while part := client.recv(4096):
+                    answer += part
+        return f"an event of the {page}'s page of a study" if b'"event"' in answer else ""
 
     def request(self, method: str, path: str, body: str = "") -> str:
         head = f"{method} {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n\r\n{body}"
@@ -150,6 +175,22 @@ def attack(count: int, ports: dict[str, int], tokens: list[str], write: int) -> 
         except (OSError, IndexError):  # closed without an answer
             tried += 1
     os.write(write, json.dumps({"tried": tried, "got": got}).encode())
+
+
+def attack_as_another(count: int, ports: dict[str, int], tokens: list[str]) -> dict[str, Any]:
+    """`attack` in a process of the other account: how many were `tried`, and what they `got`."""
+    read, write = os.pipe()
+    number = os.fork()
+    if number == 0:
+        try:
+            attack(count, ports, tokens, write)
+        finally:
+            os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as file:
+        found: dict[str, Any] = json.loads(file.read() or '{"tried": 0, "got": {}}')
+    os.waitpid(number, 0)
+    return found
 
 
 class Run:
@@ -229,6 +270,46 @@ class Run:
             self.process.wait()
 
 
+class StudyRun:
+    """A study whose participant's page waits."""
+
+    def __init__(self, folder: Path) -> None:
+        self.ports = {"study": free_port()}
+        file = folder / "watched.toml"
+        file.write_text(STUDY)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", COMMAND, "study", "run", str(file), "--db", str(folder / "watched.db"), "--port",
+             str(self.ports["study"])],
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=folder,
+        )  # fmt: skip
+        assert self.process.stderr is not None
+        said, self.urls = "", dict[str, str]()
+        while len(self.urls) < 2:
+            line = self.process.stderr.readline()
+            said += line
+            if not line:
+                raise SystemExit(f"the study did not start: {said[-2000:]}")
+            who, _, url = line.strip().partition(":")
+            if url.strip().startswith("http"):
+                self.urls[who] = url.strip()
+        self.tokens = [one.partition("#")[2] for one in self.urls.values()]
+        self._page = connect(f"ws://127.0.0.1:{self.ports['study']}/ws/participant", open_timeout=60)
+        self._page.send(self.tokens[0])
+
+    def close(self) -> str:
+        """End it; what its own page was told last if that is not the page that waits."""
+        view: dict[str, Any] = {}
+        with suppress(WebSocketException, TimeoutError):
+            while True:
+                told = json.loads(self._page.recv(timeout=1.0))
+                view = told["is"] if told["event"] == "view" else view
+        self._page.close()
+        self.process.send_signal(signal.SIGINT)
+        self.process.communicate(timeout=30.0)
+        fine = view.get("state") == "waiting" and not view["watching"]
+        return "" if fine else f"the participant's page of this account: {view.get('state')}"
+
+
 def free_port() -> int:
     with socket.socket() as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
         tcp.bind(("127.0.0.1", 0))
@@ -244,20 +325,11 @@ def main() -> int:
         print("only root can start a process of another account; run this as root")
         return 2
     tried, got = 0, Counter[str]()
+    share = count // (len(RUNS) + 1)
     for host, tokens, sends in RUNS:
         with Run(host, tokens) as run:
             run.silent = not sends
-            read, write = os.pipe()
-            number = os.fork()
-            if number == 0:
-                try:
-                    attack(count // len(RUNS), run.ports, list(run.tokens.values()), write)
-                finally:
-                    os._exit(0)
-            os.close(write)
-            with os.fdopen(read) as file:
-                found = json.loads(file.read() or '{"tried": 0, "got": {}}')
-            os.waitpid(number, 0)
+            found = attack_as_another(share, run.ports, list(run.tokens.values()))
             tried += found["tried"]
             got.update(found["got"])
             got.update(run.faults)
@@ -268,10 +340,18 @@ def main() -> int:
             )
             if not run.looks:
                 got["this account could not watch"] += 1
+    with tempfile.TemporaryDirectory() as folder:
+        study = StudyRun(Path(folder))
+        found = attack_as_another(count - share * len(RUNS), study.ports, study.tokens)
+        tried += found["tried"]
+        got.update(found["got"])
+        if fault := study.close():
+            got[fault] += 1
+        print(f"pages of a study: {found['tried']} attempts, {sum(found['got'].values())} got something")
     for what, times in got.items():
         print(f"{times} times: {what}")
     print(f"{sum(got.values())} of {tried} attempts of another account moved a coil, read a pose or a token")
-    kept = not got and tried == count // len(RUNS) * len(RUNS)
+    kept = not got and tried == count
     print("kept" if kept else "BROKEN")
     return 0 if kept else 1
 

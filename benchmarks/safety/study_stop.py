@@ -148,11 +148,11 @@ class Scene:
         self.host = StudyServer(self.manager, 0)
         self._serving = threading.Thread(target=self.host.serve)
         self._serving.start()
-        url, token = self.host.participant.replace("http", "ws"), self.host.experimenter.split("#")[1]
-        self.first = Client(url + "ws/participant")
+        url, token = self.host.participant.replace("http", "ws").split("#")
+        self.first = Client(url + "ws/participant", token)
         self.first.until("waiting")
-        self.second = Client(url + "ws/participant")
-        self.experimenter = Client(url + "ws/experimenter", token)
+        self.second = Client(url + "ws/participant", token)
+        self.experimenter = Client(url + "ws/experimenter", self.host.experimenter.split("#")[1])
         self.experimenter.until("waiting")
 
     def _start(self, recording: Path | None) -> Servo:

@@ -22,7 +22,7 @@ from pathlib import Path
 from time import time
 from typing import Any, BinaryIO, Protocol, final
 
-from haptorb.cache_folder import cache_folder, can_write_to, find_base
+from haptorb.cache_folder import cache_folder, can_write_to, explain_shared, find_base, private_folder
 from haptorb.errors import HaptorbError, quote
 
 __all__ = [
@@ -35,10 +35,12 @@ __all__ = [
     "folders",
     "foreign_name",
     "foreign_text",
+    "make_private_folder",
     "named_file",
     "open_regular",
     "parse_json",
     "parse_toml",
+    "private_temporary_folder",
     "read_bytes",
     "read_text",
     "replace_file",
@@ -457,13 +459,42 @@ def folders() -> list[Path]:
     return [Path("/dev/shm"), Path(tempfile.gettempdir())]
 
 
+def make_private_folder(prefix: str) -> Path:
+    """Create a new folder that no other account can write to, rename or replace: its files may be executed.
+
+    In the temporary folder; in the cache folder of this account, if others may rename what is in that one. Raises
+    HaptorbError if they may in both.
+    """
+    folder = Path(tempfile.mkdtemp(prefix=prefix))
+    shared = explain_shared(folder)
+    if not shared:  # safety: private-temporary
+        return folder
+    folder.rmdir()
+    try:
+        return Path(tempfile.mkdtemp(prefix=prefix, dir=private_folder("temporary")))
+    except PermissionError as cause:
+        raise HaptorbError(
+            f"no folder for temporary files is only this account's: {folder} {shared}; set TMPDIR to a folder of yours"
+        ) from cause
+
+
+@contextmanager
+def private_temporary_folder(prefix: str) -> Iterator[Path]:
+    """Context with a folder of `make_private_folder`, which is removed at its end."""
+    folder = make_private_folder(prefix)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def sweep() -> int:
     """Remove files left by ended owners of this user; return the number of files and folders removed.
 
     Files whose owner still runs, and files that this package did not name, are kept.
     """
     removed = 0
-    for folder in dict.fromkeys(folders()):
+    for folder in dict.fromkeys([*folders(), cache_folder() / "temporary"]):
         with suppress(OSError), os.scandir(folder) as entries:
             for entry in entries:
                 if _OURS.fullmatch(entry.name):

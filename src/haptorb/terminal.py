@@ -14,8 +14,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from threading import Timer
-from typing import TYPE_CHECKING, Any, TextIO
+from io import TextIOBase
+from queue import SimpleQueue
+from threading import RLock, Thread, Timer
+from time import sleep
+from typing import TYPE_CHECKING, Any, TextIO, cast, final
 
 import typer
 from rich.cells import cell_len
@@ -48,6 +51,7 @@ __all__ = [
     "print_json",
     "print_table",
     "print_text",
+    "queue_output",
     "show_status",
     "use_ascii_fallback",
     "wrap",
@@ -228,6 +232,144 @@ def _print(stream: TextIO, text: str, indent: str) -> None:
 
 def _has_width(stream: TextIO) -> bool:
     return stream.isatty() or "COLUMNS" in os.environ
+
+
+# --------------------------------------------------------------------------------------------------
+# Output while coils may be on: a thread of its own writes it.
+#
+# A terminal does not read after Ctrl-S, nor a pager beyond its first page. Whoever prints then waits: an event loop no
+# longer handles a page's Stop, and no other loop sees the end of a duration. Text is therefore queued, whoever prints
+# it: a command, a world, a warning of a library.
+
+
+_MAX_QUEUED_CHARACTERS = 1_000_000  #: beyond that, text is left out
+_BLOCKED_INTERVAL_S = 0.01  #: between two attempts to write to what others have set to not block
+_LEFT_OUT = "({} characters were left out: nobody read this output)\n"
+
+
+@contextmanager
+def queue_output() -> Iterator[None]:
+    """Context in which printing to standard output and error never waits; to be left when the coils are off.
+
+    Leaving it waits until all text is written, or a signal ends the program.
+    """
+    before = sys.stdout, sys.stderr
+    if any(one is None or isinstance(one, _QueuedStream) for one in before):
+        yield
+        return
+    for one in before:
+        with suppress(OSError, ValueError):
+            one.flush()
+    output = _OutputQueue()
+    streams = tuple(cast("TextIO", _QueuedStream(one, output)) for one in before)
+    sys.stdout, sys.stderr = streams
+    try:
+        yield
+    finally:
+        if sys.stdout is streams[0]:
+            sys.stdout = before[0]
+        if sys.stderr is streams[1]:
+            sys.stderr = before[1]
+        output.end()
+
+
+@final
+class _OutputQueue:
+    """Thread that writes text in the order in which it was printed."""
+
+    def __init__(self) -> None:
+        self._pieces: SimpleQueue[tuple[TextIO, str] | None] = SimpleQueue()
+        self._changing = RLock()  # never held while something is written; handlers of signals print, too
+        self._queued = self._left_out = 0  # [characters]
+        self._ended = False
+        self._thread = Thread(target=self._run, name="haptorb-terminal", daemon=True)
+        self._thread.start()
+
+    def put(self, stream: TextIO, text: str) -> None:
+        """Enqueue `text`, or leave it out where too much waits already."""
+        with self._changing:
+            if self._ended:
+                _write(stream, text)
+            elif self._queued + len(text) > _MAX_QUEUED_CHARACTERS:
+                self._left_out += len(text)
+            else:
+                self._queued += len(text)
+                self._pieces.put((stream, text))
+
+    def end(self) -> None:
+        """Wait until everything is written; later text is written at once."""
+        with self._changing:
+            self._ended = True
+            self._pieces.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (piece := self._pieces.get()) is not None:
+            stream, text = piece
+            _write(stream, text)
+            with self._changing:
+                self._queued -= len(text)
+                left_out, self._left_out = self._left_out, 0
+            if left_out:
+                _write(stream, _LEFT_OUT.format(left_out))
+
+
+@final
+class _QueuedStream(TextIOBase):
+    """Text stream in place of `stream`: what is written to it is queued."""
+
+    def __init__(self, stream: TextIO, output: _OutputQueue) -> None:
+        self._stream, self._output = stream, output
+
+    def write(self, text: str) -> int:
+        """Enqueue `text`."""
+        self._output.put(self._stream, text)  # safety: output-queued
+        return len(text)
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def isatty(self) -> bool:
+        """Whether a terminal shows it."""
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        """Descriptor of the stream."""
+        return self._stream.fileno()
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """Encoding of the stream."""
+        return self._stream.encoding
+
+    @property
+    def errors(self) -> str | None:  # type: ignore[override]
+        """What happens to characters that the encoding lacks."""
+        return self._stream.errors
+
+
+def _write(stream: TextIO, text: str) -> None:
+    """Write `text`; discard it if nobody can read it any more.
+
+    To the descriptor itself, where there is one: the stream's own lock, held by a thread that waits, would stop others
+    and the end of the program.
+    """
+    try:
+        descriptor = stream.fileno() if os.name == "posix" else -1
+    except (OSError, ValueError, AttributeError):  # a stream of a test or a notebook
+        descriptor = -1
+    with suppress(OSError, ValueError):
+        if descriptor < 0:
+            stream.write(text)
+            stream.flush()
+            return
+        left = memoryview(text.encode(stream.encoding or "utf-8", stream.errors or "replace"))
+        while left:
+            try:
+                left = left[os.write(descriptor, left) :]
+            except BlockingIOError:
+                sleep(_BLOCKED_INTERVAL_S)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -169,13 +169,13 @@ def application(
 
     async def choose(request: Request) -> Response:
         try:
-            await asyncio.to_thread(selection.choose, await _read_row(request))
+            selection.choose(await _read_row(request))
         except InputError as mistake:
             return PlainTextResponse(f"{mistake}\n", status_code=409)
         return JSONResponse(selection.describe())
 
     async def stop(request: Request) -> Response:
-        await asyncio.to_thread(selection.stop)
+        selection.stop()  # here, not in a thread of the executor: those may all be busy
         return JSONResponse(selection.describe())
 
     app = Starlette(

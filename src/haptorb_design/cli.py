@@ -23,6 +23,7 @@ from haptorb.terminal import (
     notify,
     print_facts,
     print_json,
+    queue_output,
 )
 
 if TYPE_CHECKING:
@@ -247,7 +248,10 @@ def show(
         raise InputError(f"{results} holds no valid design to show ({refusals or 'nothing was computed'})")
     if where.warning:
         notify(where.warning)
-    with Chooser(table, port, where=where, console_port=console_port, console_address=console_address) as chooser:
+    with (
+        queue_output(),
+        Chooser(table, port, where=where, console_port=console_port, console_address=console_address) as chooser,
+    ):
         notify(f"Open {chooser.url} in a browser. Ctrl-C ends.")
         number = chooser.serve(open_browser=browser, notify=notify, until=duration)
     if number:

@@ -26,6 +26,7 @@ from haptorb.terminal import (
     notify,
     print_json,
     print_table,
+    queue_output,
     show_status,
 )
 
@@ -575,7 +576,7 @@ def _run_in_browser(
     }
     if where.warning:
         notify(where.warning)
-    with StudyServer(sessions, port, simulated=driver == "sim", more=more, where=where) as host:
+    with queue_output(), StudyServer(sessions, port, simulated=driver == "sim", more=more, where=where) as host:
         nature = ("PILOT, " if pilot else "") + ("SIMULATED DEVICE" if driver == "sim" else f"driver {driver}")
         notify(f"participant:  {host.participant}\nexperimenter: {host.experimenter}\n{nature}. Ctrl-C ends.")
         if participant is not None:

@@ -16,7 +16,7 @@ from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.figure_file import check_figure_file
-from haptorb.terminal import Column, TextTable, make_console, notify, print_json, print_table
+from haptorb.terminal import Column, TextTable, make_console, notify, print_json, print_table, queue_output
 from haptorb_study.feel_limits import DesignChoice, StabilityCheck, find_limits
 
 if TYPE_CHECKING:
@@ -214,7 +214,7 @@ def feel_without_console(
     from haptorb_study.feel.trace import Trace, trace_rows
 
     servo = _servo(device, design, store.candidates)
-    with servo:
+    with queue_output(), servo:
         servo.run(seconds)
     trace = Trace(design)
     recording = servo.recording
@@ -274,7 +274,12 @@ def feel_with_console(
     if where.warning:
         notify(where.warning)
     try:
-        with Console(servo, port, designs=FeelPanel(live), where=where) as console, freeze_garbage(), servo:
+        with (
+            queue_output(),
+            Console(servo, port, designs=FeelPanel(live), where=where) as console,
+            freeze_garbage(),
+            servo,
+        ):
             live.attach(servo)
             live.notify = notify
             notify(f"Open {console.url} in a browser. Ctrl-C ends.\n{HELP}\nnow: {live.label}")

@@ -15,7 +15,7 @@ from rich.text import Text
 from haptorb.errors import InputError, quote
 from haptorb.files import foreign_text, visible
 from haptorb.runtime.servo import Servo
-from haptorb.terminal import make_console, notify
+from haptorb.terminal import make_console, notify, queue_output
 from haptorb_study.keyboard import END, Keyboard, Keys
 from haptorb_study.stop_switch import StopSwitch
 from haptorb_study.stored_session import StoredSession
@@ -206,7 +206,7 @@ def run_session(session: StoredSession, start: Callable[[Path | None], Servo], r
         notify("starting the device ...")
         servo = start(recording)
         halt.attach(servo, keys.asked or halt.read_count())  # before it opens: Stop reaches it from here on
-        with servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
+        with queue_output(), servo, Live(console=console, auto_refresh=False, screen=sys.stderr.isatty()) as live:
             trial_device = TrialDevice(study, servo)
             drawn = Screen(trial_device, live)
 

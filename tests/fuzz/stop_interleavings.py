@@ -232,7 +232,7 @@ class Trial:
         self.pages: list[Socket] = []
         study = study_of('name = "stop"\n[trials]\nrepetitions = 2')
         self.manager = SessionManager(None, study, lambda file: self.host, open_session=Sitting)  # type: ignore[arg-type]
-        self.study = StudySocketHub(self.manager, "token", {}, {})
+        self.study = StudySocketHub(self.manager, "token", "token", {}, {})
         self.participant = StudyPage(SimpleNamespace(), participant=True)  # type: ignore[arg-type]
         self.experimenter = StudyPage(SimpleNamespace(), participant=False)  # type: ignore[arg-type]
         self.study.register(self.participant)

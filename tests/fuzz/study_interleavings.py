@@ -64,7 +64,7 @@ class World:
         self.messages: list[str] = []
         self.stopped_last = False  #: whether the last Stop came after the last request to switch on
         self.manager = SessionManager(None, study, self._start, open_session=lambda *_: Paper(self))  # type: ignore[arg-type]
-        self.hub = StudySocketHub(self.manager, "token", {}, {})
+        self.hub = StudySocketHub(self.manager, "token", "token", {}, {})
         self.first, self.second = self._page(True), self._page(True)
         self.experimenter = self._page(False)
 

@@ -86,5 +86,24 @@ def test_a_port_of_two_accounts_is_nobodys():
         assert UdpOwners().find("127.0.0.1", port) is None
 
 
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_a_port_that_another_account_may_bind_too_is_nobodys(host):
+    """Whoever bound it, sent and closed before anybody looked is in no table."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((host, 0))
+        assert UdpOwners().find("127.0.0.1", opened.getsockname()[1]) is None
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)  # as of now nobody can
+        assert UdpOwners().find("127.0.0.1", opened.getsockname()[1]) == os.geteuid()
+
+
+@pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no such option")
+def test_a_port_that_only_this_account_may_bind_again_is_its_own():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        opened.bind(("127.0.0.1", 0))
+        assert UdpOwners().find("127.0.0.1", opened.getsockname()[1]) == os.geteuid()
+
+
 def test_a_listener_is_known_by_its_port(listening):
     assert listener_owner(listening.getsockname()[1]) == os.geteuid()

@@ -182,6 +182,28 @@ def test_a_tracker_believes_no_other_account():
 
 
 @needs_root
+def test_who_shares_a_port_and_is_gone_before_anybody_looks_says_not_where_the_tool_is():
+    """A program of this account that lets others bind its port (SO_REUSEADDR) does not vouch for what came from it."""
+    opened, mine = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    opened.bind(("127.0.0.1", 0))
+    mine.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    mine.bind(("127.0.0.1", 0))
+    feed, address, port = OscFeed(opened), opened.getsockname(), mine.getsockname()[1]
+    pose = message("/haptorb/pose", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0)
+
+    def send():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            other.bind(("127.0.0.1", port))
+            other.sendto(pose, address)
+
+    with mine, as_nobody(send) as number:
+        os.waitid(os.P_PID, number, os.WEXITED | os.WNOWAIT)
+        assert [getattr(one, "why", "a pose") for one in feed.receive(10.0)] == ["another_account"]
+    feed.close()
+
+
+@needs_root
 def test_foxglove_shows_nothing(said):
     with PublishedLoop(Dome()) as loop:
         _look_at_foxglove(said, loop)

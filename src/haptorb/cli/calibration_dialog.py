@@ -26,6 +26,7 @@ from haptorb.errors import CalibrationError, DriverError, InputError, UnknownNam
 from haptorb.estimation.calibration_file import Calibration, MeasuredHeat, write_calibration
 from haptorb.estimation.load_cell_calibration import LoadRecord, calibrate_by_loads
 from haptorb.runtime.drivers.base import Driver
+from haptorb.terminal import queue_output
 
 __all__ = ["Dialog", "check_steps", "guide_calibration"]
 
@@ -152,7 +153,7 @@ def _take_step(
 ) -> dict[str, object]:
     hold_tool(driver, device, step.hand)
     schedule = schedule_of(device, effort.levels, effort.repeats)
-    with driver:
+    with queue_output(), driver:
         blank = StepContext(device, DriverSession(device, driver, pace), driver.field_axes, schedule, effort)
         with guide.bar(step, step.seconds(blank)) as passed:
             session = DriverSession(device, driver, pace, passed)

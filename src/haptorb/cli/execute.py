@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,6 +15,7 @@ from typing import IO, Annotated
 import typer
 
 from haptorb.errors import DriverError, InputError
+from haptorb.files import private_temporary_folder
 from haptorb.runtime.linux import Termination, die_with_parent, require_linux, run_uninterrupted, start_python
 from haptorb.terminal import echo, notify
 
@@ -102,8 +102,7 @@ def run_program(
     flags = {"--force": force, "--headless": headless, "--open": browser}
     options += [name for name, on in flags.items() if on]
     options += [] if headless else ["--port", str(port)]
-    with tempfile.TemporaryDirectory(prefix="haptorb-libraries-") as folder:
-        kit = Path(folder)
+    with private_temporary_folder("haptorb-libraries-") as kit:  # its libraries are loaded
         lay_out(kit)
         with _open_run(options) as run:
             status = run.execute(command, kit)

@@ -13,7 +13,7 @@ import typer
 
 from haptorb.errors import InputError
 from haptorb.runtime.linux import Termination, run_uninterrupted
-from haptorb.terminal import notify, print_json
+from haptorb.terminal import notify, print_json, queue_output
 
 if TYPE_CHECKING:
     from haptorb.runtime.prestart import PrestartedProcess
@@ -298,7 +298,7 @@ def run(
 def _run_without_console(
     servo: Servo, standby: PrestartedProcess, serving: Serving, duration: float | None, json: bool
 ) -> int:
-    with _open_servo(servo, standby, serving):
+    with queue_output(), _open_servo(servo, standby, serving):
         if not json:
             world, driver = servo.world[0], _driver_text(servo)
             notify(f"{servo.device.name}, world '{world}', {servo.rate:g} Hz, {driver}. Ctrl-C ends.")
@@ -334,7 +334,12 @@ def _run_with_console(
 
     if where.warning:
         notify(where.warning)
-    with Console(servo, port, where=where) as console, freeze_garbage(), _open_servo(servo, standby, serving):
+    with (
+        queue_output(),
+        Console(servo, port, where=where) as console,
+        freeze_garbage(),
+        _open_servo(servo, standby, serving),
+    ):
         end = float("inf") if duration is None else monotonic() + duration
         last, invited = "", False
 

@@ -56,6 +56,7 @@ __all__ = [
     "request_real_time",
     "require_linux",
     "run_uninterrupted",
+    "send_beside",
     "start",
     "start_python",
     "wait_for_end",
@@ -422,6 +423,23 @@ def start_python(module: str, *arguments: str, isolated: bool = False, **options
     # On Windows a process has no session, but a group.
     apart = {"creationflags": _CREATE_NEW_PROCESS_GROUP} if os.name == "nt" else {"start_new_session": True}
     return start(command, **{**apart, "env": environment(), **options})
+
+
+def send_beside(process: subprocess.Popen[bytes], content: bytes, *, close: bool = True) -> threading.Thread:
+    """Write `content` to the standard input of `process`, and close it unless told otherwise: in the thread that is
+    returned, so that a process that does not read blocks nobody. If it has ended already, whoever watches it reports
+    why."""
+    stdin = process.stdin
+    assert stdin is not None
+
+    def send() -> None:
+        with suppress(OSError, ValueError):  # ValueError: closed by who ended it
+            stdin.write(content)
+            stdin.close() if close else stdin.flush()
+
+    sender = threading.Thread(target=send, name="haptorb-start", daemon=True)
+    sender.start()
+    return sender
 
 
 def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted: threading.Event | None = None) -> bool:

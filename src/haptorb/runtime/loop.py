@@ -22,7 +22,7 @@ from haptorb.runtime.clock import Clock
 from haptorb.runtime.linux import TickTimeout, is_parent_gone
 from haptorb.runtime.liveness import LATE, HostHeartbeat, ProcessorWait, state_of
 from haptorb.runtime.shared_memory import BINS, COUNTS, Phase, SharedMemory, Word, engage_stops, find_end_signal
-from haptorb.runtime.tick import Chain
+from haptorb.runtime.tick import Chain, render_world
 from haptorb.runtime.tick_log import NO_TICK
 from haptorb.runtime.tick_state import TickState
 from haptorb.runtime.world_loading import LoadedWorld, WorldLoader
@@ -263,7 +263,7 @@ class Loop:
         number, name, values, file = parse_request(text)
         make = partial(change_world, self._world, name, values, self._own)
         if self._loader is None:
-            reply = self._change(number, name, make, self._chain.change_world)
+            reply = self._change(number, name, make, self._render)
         elif file:
             self._loader.load(number, name, Path(file))
             return
@@ -271,7 +271,7 @@ class Loop:
             self._loader.prepare(number, name, make)
             reply = postponement(number)
         else:
-            reply = self._change(number, name, make, self._chain.change_world)
+            reply = self._change(number, name, make, self._render)
         self._shared.answer.write(reply)
 
     def _apply_loaded_world(self, loaded: LoadedWorld) -> str:
@@ -280,7 +280,7 @@ class Loop:
         if world is None:
             return answer(loaded.number, loaded.error)
         if not loaded.own:
-            return self._change(loaded.number, loaded.name, lambda: world, self._chain.change_world)
+            return self._change(loaded.number, loaded.name, lambda: world, self._render)
         if loaded.name == name_of(self._world):
             joined = join_remote(world, split_remote(self._world)[1])
             reply = self._change(loaded.number, loaded.name, lambda: joined, self._chain.replace_world)
@@ -288,6 +288,9 @@ class Loop:
                 return reply
         self._own[loaded.name] = world
         return answer(loaded.number)
+
+    def _render(self, world: World) -> None:
+        render_world(self._chain, world, self._world)
 
     def _change(self, number: int, name: str, make: Callable[[], World], render: Callable[[World], None]) -> str:
         """Call `render` with the world that `make` returns, for request `number`; return the answer as JSON."""

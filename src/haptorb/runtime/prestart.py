@@ -9,14 +9,13 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
 
 from haptorb.child_process import environment
 from haptorb.errors import ServoError
-from haptorb.files import FOLDER, FileLock
+from haptorb.files import FOLDER, FileLock, make_private_folder
 from haptorb.runtime.linux import start_python
 
 __all__ = ["CATALOGUE", "CONTROLLER", "PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
@@ -91,7 +90,7 @@ def code_note(folder: Path, name: str) -> Path:
 def _create_folder() -> tuple[Path, FileLock]:
     """Create a new folder, and its lock."""
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=FOLDER))
+        folder = make_private_folder(FOLDER)  # the plan in it is executed
         claim = FileLock(folder)
         if claim.there:
             return folder, claim

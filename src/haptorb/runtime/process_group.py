@@ -25,7 +25,15 @@ from haptorb.control.protection import protect_wrench
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.estimation.tracker_frame import TrackerFrame
 from haptorb.runtime.black_box import BlackBox
-from haptorb.runtime.linux import END_SIGNALS, end_process, is_linux, raise_priority, repeat_signal, wait_for_end
+from haptorb.runtime.linux import (
+    END_SIGNALS,
+    end_process,
+    is_linux,
+    raise_priority,
+    repeat_signal,
+    send_beside,
+    wait_for_end,
+)
 from haptorb.runtime.liveness import HangWatch, MemoryGrowth, StallTime, StarvedTime, state_of
 from haptorb.runtime.prestart import CATALOGUE, CONTROLLER, WANTED, PrestartedProcess, start_module
 from haptorb.runtime.report import count_recorded
@@ -53,8 +61,8 @@ _SIGNAL_TIMEOUT_S = 0.5  #: after a signal: its exception must have ended every 
 class SignalStop:
     """Turns termination signals of the host into a Stop, from its creation in the main thread until `close`.
 
-    In another thread, and where the program uses the descriptor for another purpose (an event loop with its own
-    handlers), a Stop waits for the program's own handler.
+    Created in another thread, it does so from `install` in the main thread. Without it, and where the program uses the
+    descriptor for another purpose (an event loop with its own handlers), a Stop waits for the program's own handler.
 
     stop  called after the loop has stopped: it makes earlier engage requests void
     """
@@ -63,8 +71,16 @@ class SignalStop:
         self._shared, self._stop = shared, stop
         self._descriptor = -1
         self._last = (0, -math.inf)  #: signal, time at which it was read [s]
+        self._closed = False
         self._side = 0  #: of `shared.signals`, where signals are written now
         self._polling = threading.Lock()
+        self.install()
+
+    def install(self) -> None:
+        """Begin, in the main thread; no effect in another one, nor a second time, nor after `close`."""
+        if self._descriptor >= 0 or self._closed:
+            return
+        shared = self._shared
         if threading.current_thread() is not threading.main_thread() or not is_linux():
             return
         descriptor = os.open(shared.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -81,7 +97,7 @@ class SignalStop:
 
     def poll(self) -> None:
         """Read and clear the received signals; call it several times a second, from any thread."""
-        if self._descriptor < 0 or not any(side[0] for side in self._shared.signals):
+        if self._descriptor < 0 or self._closed or not any(side[0] for side in self._shared.signals):
             return
         seen = monotonic()  # before the number is read: too early rather than too late
         if not self._polling.acquire(blocking=False):
@@ -106,11 +122,15 @@ class SignalStop:
             repeat_signal(number)
 
     def close(self) -> None:
-        """Restore the program's own signal handling. May be called twice, from any thread."""
-        descriptor, self._descriptor = self._descriptor, -1
+        """Restore the program's own signal handling. May be called twice, from any thread.
+
+        Only the main thread may reset it: after a call from another one, written signals are discarded until then.
+        """
+        descriptor, discards, self._closed = self._descriptor, self._closed, True
         if descriptor < 0:
             return
         if threading.current_thread() is threading.main_thread():
+            self._descriptor = -1
             for number in END_SIGNALS:
                 if signal.getsignal(number) is _end_by_signal:
                     signal.signal(number, signal.SIG_DFL)
@@ -118,7 +138,7 @@ class SignalStop:
             if now not in (descriptor, -1):  # another part of the program has set it meanwhile
                 signal.set_wakeup_fd(now, warn_on_full_buffer=False)
             os.close(descriptor)
-        else:  # only the main thread may reset it: until then, written signals are discarded
+        elif not discards:
             nowhere = os.open(os.devnull, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             os.dup2(nowhere, descriptor, inheritable=False)
             os.close(nowhere)
@@ -309,10 +329,8 @@ class ProcessGroup:
             "haptorb.runtime.trackers.tracker_process",
             errors=self._errors, stdin=subprocess.PIPE, descriptor=descriptor, isolated=True,
         )  # fmt: skip
-        assert self._tracker.stdin is not None
         # By a pipe because it contains a token: every account of this computer can read the arguments of a process.
-        with suppress(BrokenPipeError), self._tracker.stdin as stdin:  # ended already: `check` reports why
-            stdin.write(json.dumps(spec).encode())
+        send_beside(self._tracker, json.dumps(spec).encode())
 
     def wait_until_running(self) -> None:
         """Wait for the first tick and until recorder and tracker are ready.

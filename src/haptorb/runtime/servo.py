@@ -13,7 +13,8 @@ import os
 import shutil
 import threading
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from contextvars import copy_context
 from functools import cached_property
 from importlib import import_module
 from itertools import count
@@ -420,16 +421,29 @@ class Servo:
 
     async def __aenter__(self) -> Self:
         try:
-            await _complete(self.open)
+            await _complete(self.open, cancelled=self._end_start)
         except asyncio.CancelledError:
+            self.end_loop()
             await _complete(self.close)
             raise
+        if self._signals is not None:
+            self._signals.install()  # `open` ran in another thread than this one, which is the main thread as a rule
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
     ) -> None:
-        await _complete(self.close)
+        self.end_loop()  # safety: async-stop-first
+        try:
+            await _complete(self.close)
+        finally:
+            if self._signals is not None:
+                self._signals.close()  # again, as the other thread may not restore it
+
+    def _end_start(self) -> None:
+        """Switch the coils off although the start goes on, in another thread."""
+        self.stop()  # in effect from the first tick
+        self.end_loop()
 
     def run(self, seconds: float) -> None:
         """Wait while the loop runs, and raise as soon as something fails.
@@ -1046,20 +1060,34 @@ def _check_seconds(seconds: float) -> float:
     return duration
 
 
-async def _complete(work: Callable[[], None]) -> None:
-    """Run `work` in a thread, to its end: a cancelled task waits for it, because a servo that was started in part must
-    be closed."""
-    task = asyncio.ensure_future(asyncio.to_thread(work))
-    cancelled: asyncio.CancelledError | None = None
-    while not task.done():
+async def _complete(work: Callable[[], None], cancelled: Callable[[], None] = lambda: None) -> None:
+    """Run `work` in a thread, to its end: a cancelled task calls `cancelled` and waits for it, because a servo that was
+    started in part must be closed.
+
+    In a thread of its own: those of the event loop's executor may all be blocked, or it may have been shut down.
+    """
+    loop, ended, failures = asyncio.get_running_loop(), asyncio.Event(), list[BaseException]()
+
+    def run() -> None:
         try:
-            await asyncio.wait({task})
+            work()
+        except BaseException as cause:
+            failures.append(cause)
+        with suppress(RuntimeError):  # the event loop was closed meanwhile
+            loop.call_soon_threadsafe(ended.set)
+
+    threading.Thread(target=copy_context().run, args=(run,), name=f"haptorb-{work.__name__}").start()
+    interruption: asyncio.CancelledError | None = None
+    while not ended.is_set():
+        try:
+            await ended.wait()
         except asyncio.CancelledError as cause:
-            cancelled = cause
-    if cancelled is not None:
-        task.exception()  # retrieve it: asyncio would log it otherwise
-        raise cancelled
-    task.result()
+            interruption = cause
+            cancelled()
+    if interruption is not None:
+        raise interruption
+    if failures:
+        raise failures[0]
 
 
 _DEFAULTS: Mapping[str, Any] = {

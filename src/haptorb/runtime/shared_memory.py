@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array, Records, StateArray
+from haptorb.cache_folder import explain_shared
 from haptorb.errors import InputError, ServoError
 from haptorb.files import SHARED, FileLock, describe_size_limit, folders
 from haptorb.recording.row import RowLayout
@@ -777,6 +778,11 @@ class SharedMemory:
             try:
                 descriptor, name, claim = _create_file(folder)
             except OSError:
+                continue
+            if folder == Path(tempfile.gettempdir()) and (shared := explain_shared(Path(name))):
+                os.close(descriptor)
+                Path(name).unlink()
+                advice = f"that one is not used, as its file {shared}"
                 continue
             try:
                 # Allocate it now: a full memory file system would otherwise kill the loop in the middle of a tick.

@@ -181,15 +181,31 @@ class UdpOwners:
         self._lines = _read_tables("udp")
 
     def find(self, host: str, port: int) -> int | None:
-        """User id of the processes bound to `port` of `host`, an address of this computer; None if there are none, or
-        if they belong to several accounts."""
+        """User id of the processes bound to `port` of `host`, an address of this computer; None if there are none, if
+        they belong to several accounts, or if it is a port of this account that another one may bind, too: what was
+        sent before this snapshot need not be from a process that is in it."""
         here = _unmapped(host)
         owners = {
             row.owner
             for row in _rows(self._lines, port)
             if row.near[1] == port and row.node and (row.near[0] == here or row.near[0].is_unspecified)
         }
-        return owners.pop() if len(owners) == 1 else None  # safety: one-owner
+        owner = owners.pop() if len(owners) == 1 else None  # safety: one-owner
+        if is_own_account(owner) and _can_be_shared(here, port):  # safety: port-not-shared
+            return None
+        return owner
+
+
+def _can_be_shared(host: ipaddress.IPv4Address | ipaddress.IPv6Address, port: int) -> bool:
+    """Whether every socket at the UDP port has SO_REUSEADDR, with which any account may bind it again."""
+    family = socket.AF_INET if host.version == 4 else socket.AF_INET6
+    with socket.socket(family, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((str(host), port))
+        except OSError as cause:
+            return cause.errno != errno.EADDRINUSE
+    return True
 
 
 def listener_owner(port: int) -> int | None:

@@ -32,7 +32,7 @@ from haptorb.recording.row import STAGES, RowLayout
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.linux import TickTimeout
 from haptorb.runtime.tick_log import NotedLinkage, TickCommand, TickFailure, TickLog
-from haptorb.worlds.base import PARTS, World, WrenchPart
+from haptorb.worlds.base import PARTS, World, WrenchPart, is_other_world
 from haptorb.worlds.client_force import split_remote
 from haptorb.worlds.dynamic import (
     BoundWorld,
@@ -58,6 +58,7 @@ __all__ = [
     "fill_quaternion",
     "fill_row",
     "fill_silent_row",
+    "render_world",
 ]
 
 
@@ -868,6 +869,14 @@ class Chain(Protocol):
 
     def change_world(self, world: World) -> None:
         """Render `world` from the next step on. Raises InputError if the device cannot."""
+
+
+def render_world(chain: Chain, world: World, before: World) -> None:
+    """Let `chain` render `world` after `before`: another function, sum or scene of the same class passes through zero,
+    as another class does, and other values of the same world do not."""
+    new, old = split_remote(world)[0], split_remote(before)[0]
+    other = type(new) is type(old) and is_other_world(new, old)  # safety: another-of-a-class
+    (chain.replace_world if other else chain.change_world)(world)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ import os
 import shutil
 import socket
 import subprocess
-import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -25,9 +24,9 @@ from haptorb.arrays import Array, record
 from haptorb.child_process import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
-from haptorb.files import foreign_text
+from haptorb.files import foreign_text, make_private_folder
 from haptorb.runtime.config import RunConfig
-from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted
+from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted, send_beside
 from haptorb.runtime.liveness import HangWatch
 from haptorb.runtime.prestart import start_module
 from haptorb.runtime.servo import Servo
@@ -504,7 +503,7 @@ class Serving:
         Raises DriverError with the reason if one fails."""
         if not self._servers:
             return
-        self._folder = Path(tempfile.mkdtemp(prefix="haptorb-serve-"))
+        self._folder = make_private_folder("haptorb-serve-")
         shared = SharedMemory(self._servo.memory_path)
         for one in self._servers:
             self._start_process(one)
@@ -540,10 +539,8 @@ class Serving:
             "haptorb.serve.server_process",
             errors=self._error_file(one), stdin=subprocess.PIPE, descriptors=tuple(prepared.descriptors),
         )  # fmt: skip
-        assert one.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it has ended already: `start` reports why
-            one.process.stdin.write(pack(spec))
-            one.process.stdin.close()
+        # A device with its tables is larger than a pipe; what a process does that hangs is watched by `start`.
+        send_beside(one.process, pack(spec))  # safety: start-sends-beside
 
     def _error_file(self, one: _Server) -> Path:
         assert self._folder is not None

@@ -28,7 +28,7 @@ from haptorb.runtime.config import RunConfig, choose_world
 from haptorb.runtime.hand_file import choose_hand, parse_script
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
-from haptorb.runtime.tick import StepWatch
+from haptorb.runtime.tick import StepWatch, render_world
 from haptorb.runtime.tick_log import TickFailure
 from haptorb.runtime.world_requests import change_world, description, name_of
 from haptorb.serve.base import Serving, add_client_force, check_servers, hold_tool
@@ -276,7 +276,7 @@ class _SteppedRun(DeviceRun):
     def set_world(self, name: str, **values: Any) -> None:
         """Set the world from the next tick on."""
         world = change_world(self._world, name, values, self._own)
-        self._chain.change_world(world)
+        render_world(self._chain, world, self._world)
         self._world = world
         self._changes.append((self._ticks, description(world)))
 

@@ -184,19 +184,20 @@ class Console:
     async def _serve(self, open_browser: bool, until: Callable[[], bool]) -> None:
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         opened = not open_browser
-        while not serving.done():
-            if self._server.started and not opened:
-                opened = True
-                threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
-            if not self._servo.alive:
-                await asyncio.sleep(0.7)  # so that the page can show the end before the socket closes
-                self._server.should_exit = True
-                break
-            if until():
-                self._servo.end_loop()
-                self._server.should_exit = True
-                break
-            await asyncio.sleep(_END_POLL_INTERVAL_S)
+        try:
+            while not serving.done():
+                if self._server.started and not opened:
+                    opened = True
+                    threading.Thread(target=open_browser_at, args=(self.url,), daemon=True).start()
+                if not self._servo.alive:
+                    await asyncio.sleep(0.7)  # so that the page can show the end before the socket closes
+                    break
+                if until():
+                    break
+                await asyncio.sleep(_END_POLL_INTERVAL_S)
+        finally:  # also where `until` fails: the end of an event loop waits for the threads of its executor
+            self._servo.end_loop()  # safety: console-loop-first
+            self._server.should_exit = True
         await serving
 
     def close(self) -> None:

@@ -17,13 +17,11 @@ from typing import Any, final
 from haptorb.arrays import Array
 from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError
-from haptorb.runtime.linux import lower_share, start_python
+from haptorb.runtime.linux import end_process, lower_share, send_beside, start_python
 from haptorb.web.force_map import Flags
 from haptorb.worlds.base import Sum, World
 
 __all__ = ["ForceMapProcess"]
-
-_END_TIMEOUT_S = 1.0  #: for the process to end on request [s]
 
 
 @final
@@ -37,6 +35,7 @@ class ForceMapProcess:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._process: subprocess.Popen[bytes] | None = None
+        self._sender = threading.Thread()  # sends the device to the process
         self._call_lock = threading.Lock()
         #: the user's worlds by name, which are sent to the process because it cannot import them
         self.own_worlds: Callable[[], Mapping[str, World]] = dict
@@ -48,6 +47,7 @@ class ForceMapProcess:
             assert process.stdin is not None
             assert process.stdout is not None
             own = self.own_worlds().get(name)
+            self._sender.join()  # until the device is sent, or the process has ended
             try:
                 world = None if own is None else _pack(own)
                 pickle.dump((name, world, dict(values), model, points, self.render), process.stdin)
@@ -76,9 +76,7 @@ class ForceMapProcess:
             self._end()
         if self._process is None:
             self._process = start_python("haptorb.web.force_map_process", stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-            assert self._process.stdin is not None
-            pickle.dump(self._device, self._process.stdin)
-            self._process.stdin.flush()
+            self._sender = send_beside(self._process, pickle.dumps(self._device), close=False)
         return self._process
 
     def _end(self) -> None:
@@ -87,13 +85,9 @@ class ForceMapProcess:
             return
         assert process.stdin is not None
         assert process.stdout is not None
+        end_process(process, 0.0)  # first: one that does not read would block the end of what is written to it
         with suppress(OSError):
-            process.stdin.close()  # the process ends at end of file
-        try:
-            process.wait(_END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            process.stdin.close()
         process.stdout.close()
 
 

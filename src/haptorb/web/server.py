@@ -13,7 +13,6 @@ import os
 import re
 import signal
 import socket
-import tempfile
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Coroutine, Generator
@@ -31,6 +30,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from uvicorn.server import ServerState
 
 from haptorb.errors import InputError
+from haptorb.files import private_temporary_folder
 from haptorb.runtime.linux import is_linux
 
 if TYPE_CHECKING:
@@ -468,8 +468,8 @@ def open_browser_at(url: str) -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, 0)  # the browser is an ordinary program
-    with tempfile.TemporaryDirectory(prefix="haptorb-") as folder:
-        path = Path(folder, "open.html")
+    with private_temporary_folder("haptorb-page-") as folder:
+        path = folder / "open.html"
         path.write_text(
             '<!doctype html><meta charset="utf-8"><title>haptorb</title>'
             f'<meta http-equiv="refresh" content="0; url={html.escape(url)}">'

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
-from typing import Any, ClassVar, Final, Literal, Self
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from typing import Any, ClassVar, Final, Literal, Self, cast
 
 import numpy as np
 
@@ -28,6 +28,7 @@ __all__ = [
     "check",
     "check_part",
     "find_part",
+    "is_other_world",
     "join_parts",
     "parameter",
     "parameters",
@@ -189,6 +190,36 @@ def check_names(world: type[Any], given: Mapping[str, Any]) -> None:
     for name in given:
         if name not in known:
             raise UnknownName(f"parameter of {world.__name__}", name, known)
+
+
+def is_other_world(one: object, other: object) -> bool:
+    """Whether two worlds differ in more than the values of their parameters: in class, function, scene or parts.
+
+    >>> is_other_world(Sum(), Sum())
+    False
+    """
+    if type(one) is not type(other):
+        return True
+    known = parameters(type(one))
+    kept = [item.name for item in fields(cast("World", one)) if item.compare and item.name not in known]
+    return any(not _is_equal(getattr(one, name), getattr(other, name)) for name in kept)
+
+
+def _is_equal(one: Any, other: Any) -> bool:
+    """Whether two values of a world's field are the same; of worlds within a world, whether none is another one."""
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, World):
+        return not is_other_world(one, other)
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(_is_equal, one, other))
+    if is_dataclass(one):
+        return all(_is_equal(getattr(one, item.name), getattr(other, item.name)) for item in fields(one))
+    return bool(one == other)
 
 
 _MAX_REPR_CHARACTERS = 160  #: length of a `repr`

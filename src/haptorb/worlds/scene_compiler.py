@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +21,16 @@ _FILE = 1024**3  #: bytes of the compiled model
 
 def compile_scene(engine: Any, path: Path) -> Any:
     """Compile the scene in `path` to an MjModel. Raises ProcessFailure if it does not compile within the limits."""
+    from haptorb.files import private_temporary_folder
     from haptorb.limited_process import ProcessFailure, run_limited
 
     library = next(Path(engine.__file__).parent.glob("libmujoco.so.*"), None)
     if library is None:  # not on Linux
         return engine.MjModel.from_xml_path(str(path))
-    with tempfile.TemporaryDirectory(prefix="haptorb-scene-") as folder:
-        made = Path(folder, "model.mjb")
+    with private_temporary_folder("haptorb-scene-") as folder:  # MuJoCo trusts a compiled model
+        made = folder / "model.mjb"
         words = [str(library), str(path.absolute()), str(made)]
-        run_limited(Path(__file__), words, Path(folder), _SECONDS, _MEMORY)
+        run_limited(Path(__file__), words, folder, _SECONDS, _MEMORY)
         if not made.is_file():
             raise ProcessFailure("MuJoCo did not write a model")
         return engine.MjModel.from_binary_path(str(made))

@@ -1,4 +1,4 @@
-"""WebSocket hub of the pages: participants', and experimenters', which need a token.
+"""WebSocket hub of the pages: participants' and experimenters', each with a token of its own.
 
 Every page may stop. A message is checked for Stop first, which goes directly to the servo.
 """
@@ -28,7 +28,9 @@ __all__ = ["StudySocketHub"]
 
 PEN_KEEP_ALIVE_S = 1 / 100  #: interval of the keep-alive of a pen steered from a page [s]
 UPDATE_INTERVAL_S = 1 / 25  #: interval of state updates to the pages [s]
-TOKEN_TIMEOUT_S = 5.0  #: timeout for the experimenter's token [s]
+TOKEN_TIMEOUT_S = 5.0  #: timeout for a page's token [s]
+MAX_PAGES = 16  #: of one kind at the same time
+MAX_WAITING = 32  #: connections whose token is awaited; a new one replaces the oldest
 
 #: commands of an experimenter's page that end with the coils off, found in any message
 _STOP_COMMAND = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
@@ -38,6 +40,7 @@ _EXPERIMENTER_COMMANDS = frozenset(
     {"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"}
 )
 _IN_TRIAL = ("running", "time is up")
+_TRY_AGAIN_LATER = 1013  #: close code of a WebSocket
 _MAX_UNSENT_MISTAKES = 20  #: unsent error messages of a page at most
 
 
@@ -60,13 +63,14 @@ class StudySocketHub:
     """Connects the pages with the session manager."""
 
     def __init__(
-        self, manager: SessionManager, token: str, about: Mapping[str, Any], more: Mapping[str, Any],
-        participant_token: str = "", where: PageAddress = PageAddress(),
+        self, manager: SessionManager, token: str, participant_token: str, about: Mapping[str, Any],
+        more: Mapping[str, Any], where: PageAddress = PageAddress(),
     ) -> None:  # fmt: skip
         self._manager, self._token, self._participant_token = manager, token, participant_token
         self._about, self._more = dict(about), dict(more)
         self._participants: list[StudyPage] = []  # the first controls, the others observe
         self._experimenters: list[StudyPage] = []
+        self._waiting: list[asyncio.Task[str]] = []  # each for a token, the oldest first
         self.viewers = TrialViewers(where)  #: players of recorded trials, for the experimenter
         self._draft: Any = None
         self._draft_of = -1
@@ -81,9 +85,9 @@ class StudySocketHub:
             await asyncio.sleep(PEN_KEEP_ALIVE_S)
 
     async def join_participant(self, socket: WebSocket) -> None:
-        """Serve a participant's page until it disconnects; from other computers only after its token."""
+        """Serve a participant's page until it disconnects, if its first message is their token."""
         await socket.accept()
-        if not await self._shows(socket, self._participant_token):
+        if not await self._admits(socket, self._participant_token, self._participants):
             return
         page = StudyPage(socket, participant=True)
         self.register(page)
@@ -93,9 +97,9 @@ class StudySocketHub:
             self.unregister(page)
 
     async def join_experimenter(self, socket: WebSocket) -> None:
-        """Serve an experimenter's page, if its first message is the token."""
+        """Serve an experimenter's page until it disconnects, if its first message is their token."""
         await socket.accept()
-        if not await self._shows(socket, self._token):
+        if not await self._admits(socket, self._token, self._experimenters):
             return
         page = StudyPage(socket, participant=False)
         self.register(page)
@@ -104,20 +108,33 @@ class StudySocketHub:
         finally:
             self.unregister(page)
 
-    async def _shows(self, socket: WebSocket, token: str) -> bool:
-        """Whether the first message is `token`, if one is required; otherwise the connection is closed."""
-        if not token:
-            return True
-        try:
-            given = await asyncio.wait_for(socket.receive_text(), TOKEN_TIMEOUT_S)
-        except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError):
-            given = ""
-        # safety: experimenter-token
+    async def _admits(self, socket: WebSocket, token: str, pages: list[StudyPage]) -> bool:
+        """Whether the first message is `token`, and there is room among `pages`; else the connection is closed."""
+        given = await self._receive_token(socket)
+        # safety: study-token
         if not secrets.compare_digest(given.encode("utf-8", "replace"), token.encode()):
             with suppress(RuntimeError):
                 await socket.close(1008, "open this page with the address that the terminal printed")
             return False
+        if len(pages) >= MAX_PAGES:
+            with suppress(RuntimeError):
+                await socket.close(_TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them")
+            return False
         return True
+
+    async def _receive_token(self, socket: WebSocket) -> str:
+        """The first message of a page; empty if it sends none in time, or is replaced by newer connections."""
+        receiving = asyncio.ensure_future(asyncio.wait_for(socket.receive_text(), TOKEN_TIMEOUT_S))
+        while len(self._waiting) >= MAX_WAITING:
+            self._waiting.pop(0).cancel()
+        self._waiting.append(receiving)
+        await asyncio.wait({receiving})
+        if receiving in self._waiting:
+            self._waiting.remove(receiving)
+        try:
+            return receiving.result()
+        except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError, asyncio.CancelledError):
+            return ""
 
     def register(self, page: StudyPage) -> None:
         """Register `page`."""

@@ -68,12 +68,13 @@ _FAILURE_DISPLAY_S = 0.5  #: for the pages to show that the session thread faile
 
 @final
 class StudyServer:
-    """Serves the pages of `manager` at `participant` and, with the token in it, at `experimenter`.
+    """Serves the pages of `manager` at `participant` and `experimenter`, each with a token of its own in it.
+
+    Other accounts of this computer reach the port, too, so that even alone on loopback a page needs its token.
 
     port   0: any free port
     more   additional constants of the experimenter's page: database and forecast
-    where  listening address and public address; if reachable from other computers, the participant's page needs a
-           token, too
+    where  listening address and public address
     Raises InputError if the port is not available or the pages have not been built.
     """
 
@@ -88,16 +89,15 @@ class StudyServer:
     ) -> None:
         self._socket = bind_socket(port, where.host)
         self._manager = manager
-        token = secrets.token_urlsafe(16)
+        token, participant_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
         self.port = int(self._socket.getsockname()[1])
-        participant_token = secrets.token_urlsafe(16) if where.exposed else ""
-        self.participant = where.url(self.port) + (f"#{participant_token}" if participant_token else "")
         # In the fragment (#), which browsers do not send: so it is in no request, log or referrer.
+        self.participant = f"{where.url(self.port)}#{participant_token}"
         self.experimenter = f"{where.url(self.port, 'experimenter')}#{token}"
         try:
             everything = {"places": list_places(manager.study), **(more or {})}
             about = describe_study(manager.study, simulated)
-            hub = StudySocketHub(manager, token, about, everything, participant_token, where)
+            hub = StudySocketHub(manager, token, participant_token, about, everything, where)
             self._viewers = hub.viewers
             self._server = server(application(hub, where))
         except BaseException:
@@ -113,7 +113,6 @@ class StudyServer:
 
         def end(number: int) -> None:
             signals_seen.append(number)
-            self._manager.halt.stop(None)
             self.close()
 
         before = sys.getswitchinterval()
@@ -137,18 +136,22 @@ class StudyServer:
         """Serve until `close`, or until the session thread has ended; returns whether it has."""
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         dead = False
-        while not serving.done():
-            if dead := self._manager.dead:
-                self._manager.halt.stop(None)
-                await asyncio.sleep(_FAILURE_DISPLAY_S)  # the pages show it
-                self._server.should_exit = True
-                break
-            await asyncio.sleep(_POLL_INTERVAL_S)
+        try:
+            while not serving.done():
+                if dead := self._manager.dead:
+                    self._manager.halt.stop(None)
+                    await asyncio.sleep(_FAILURE_DISPLAY_S)  # the pages show it
+                    self._server.should_exit = True
+                    break
+                await asyncio.sleep(_POLL_INTERVAL_S)
+        finally:
+            self._manager.halt.stop(None)  # whatever ends it: no page can stop the device any more
         await serving
         return dead
 
     def close(self) -> None:
-        """End `serve`; may be called from any thread, repeatedly."""
+        """End `serve`, coils off first; may be called from any thread, repeatedly."""
+        self._manager.halt.stop(None)
         self._server.should_exit = True
 
     def __enter__(self) -> Self:

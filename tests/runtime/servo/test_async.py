@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
 from haptorb.errors import ServoError
 from haptorb.runtime.process_group import ProcessGroup
+from haptorb.runtime.shared_memory import Word
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
@@ -84,6 +87,88 @@ def test_a_task_that_is_cancelled_while_the_servo_starts_leaves_nothing_running(
     asyncio.run(cancel())
     assert not made.servo.alive
     assert made.words() == ["open", "close"]
+
+
+@pytest.mark.parametrize("executor", ["busy", "shut down"])
+def test_leaving_the_block_needs_no_executor(fake_servo: Any, executor: str) -> None:
+    """Its threads may all wait for something, or be gone."""
+    made = fake_servo(record=False)
+    free = threading.Event()
+
+    async def use() -> bool:
+        loop = asyncio.get_running_loop()
+        async with made.servo as servo:
+            if executor == "busy":
+                loop.set_default_executor(ThreadPoolExecutor(1))
+                job = loop.run_in_executor(None, free.wait, 5.0)
+            else:
+                await loop.shutdown_default_executor()
+            await servo.wait(0.05)
+        waited = executor == "busy" and job.done()
+        free.set()
+        return waited
+
+    assert not asyncio.run(use())
+    assert made.words() == ["open", "close"]
+
+
+def test_the_coils_are_off_before_anything_else_ends(fake_servo: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = fake_servo(record=False)
+    quits = list[int]()
+    close = made.servo.close
+
+    def note_and_close() -> None:
+        quits.append(int(made.servo._shared.words[Word.QUIT]))
+        close()
+
+    monkeypatch.setattr(made.servo, "close", note_and_close)
+
+    async def use() -> None:
+        async with made.servo as servo:
+            await servo.wait(0.05)
+
+    asyncio.run(use())
+    assert quits == [1]
+
+
+def test_a_start_that_is_cancelled_is_stopped_at_once(fake_servo: Any, monkeypatch: Any) -> None:
+    """Not when it has come to its end: the coils may be on long before."""
+    made = fake_servo(record=False)
+    wants, may = _delay(monkeypatch, "wait_until_running")
+
+    async def use() -> None:
+        async with made.servo:
+            raise AssertionError("it was cancelled before")
+
+    async def cancel() -> tuple[int, int]:
+        task = asyncio.create_task(use())
+        while not wants.is_set():
+            await asyncio.sleep(0.001)
+        task.cancel()
+        await asyncio.sleep(0.01)
+        words = made.servo._shared.words
+        found = int(words[Word.QUIT]), int(words[Word.STOP])
+        may.set()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        return found
+
+    assert asyncio.run(cancel()) == (1, 1)
+
+
+def test_signals_are_handled_as_before_when_it_has_ended(fake_servo: Any) -> None:
+    """The next servo of the program finds the descriptor of its signals free."""
+    made = fake_servo(record=False)
+
+    async def use() -> int:
+        async with made.servo as servo:
+            await servo.wait(0.05)
+            descriptor = signal.set_wakeup_fd(-1)
+            signal.set_wakeup_fd(descriptor)
+            return descriptor
+
+    assert asyncio.run(use()) >= 0
+    assert signal.set_wakeup_fd(-1) == -1
 
 
 def test_a_servo_that_ends_by_itself_is_told_while_one_waits(fake_servo: Any) -> None:

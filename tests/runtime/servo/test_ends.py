@@ -18,7 +18,7 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.errors import DriverError, RecordingError, ServoError
 from haptorb.runtime.process_group import SignalStop
 from haptorb.runtime.servo import Servo
-from haptorb.runtime.shared_memory import SharedMemory
+from haptorb.runtime.shared_memory import SharedMemory, Word
 from oracles.fork_server import ForkServer
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(600), pytest.mark.usefixtures("quick_starts")]
@@ -65,9 +65,9 @@ TWICE = "servo._watcher = type('Slow', (), {'end': lambda self: time.sleep(1.0)}
 class Host:
     """The program, and its servo's memory."""
 
-    def __init__(self, server: ForkServer, does: str) -> None:
+    def __init__(self, server: ForkServer, does: str, program: str = HOST) -> None:
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-        self.process = server.start_program("-c", HOST, does, text=True, **pipes)
+        self.process = server.start_program("-c", program, does, text=True, **pipes)
         assert self.process.stdout is not None
         self.memory = SharedMemory(Path(self.process.stdout.readline().strip()))
         row = self.memory.ring.latest()
@@ -198,6 +198,84 @@ def test_a_signal_whose_exception_is_lost_ends_the_run_nevertheless(number, fork
         assert "tidied" in host.close()
     finally:
         host.end()
+
+
+#: an event loop in which C code runs for half a second and more, with the coils on
+ASYNC_HOST = """
+import asyncio, hashlib
+from haptorb import Servo
+async def main():
+    async with Servo("omni", record=False) as servo:
+        servo.hand.hold((0.0, 0.0, 0.051))
+        await servo.wait(0.5)
+        print(servo.memory_path, flush=True)
+        hashlib.pbkdf2_hmac('sha256', b'', b'', 2_000_000)
+        await asyncio.sleep(60)
+try:
+    asyncio.run(main())
+finally:
+    print("tidied", flush=True)
+"""
+
+
+def test_a_signal_in_an_event_loop_that_stands_still_is_a_stop(fork_server):
+    host = Host(fork_server, "", ASYNC_HOST)
+    try:
+        assert host.off_after(signal.SIGINT) <= LIMIT
+        assert "tidied" in host.close()
+    finally:
+        host.end()
+
+
+class UnreadRun:
+    """`haptorb run` for a second, whose messages nobody reads."""
+
+    def __init__(self, server: ForkServer, *words: str) -> None:
+        self._out, into = os.pipe()
+        filler = os.open(f"/proc/self/fd/{self._out}", os.O_WRONLY | os.O_NONBLOCK)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(filler, b"." * 4096)
+        os.close(filler)
+        self.process = server.start_haptorb(
+            "run", "omni", "--duration", "1", *words, stdout=subprocess.DEVNULL, stderr=into
+        )
+        os.close(into)
+
+    def find_memory(self) -> SharedMemory:
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            with suppress(OSError, ValueError):
+                if found := re.search(r"/\S+\.shared", Path(f"/proc/{self.process.pid}/maps").read_text()):
+                    return SharedMemory(Path(found[0]))
+            time.sleep(0.01)
+        raise AssertionError("no servo")
+
+    def close(self) -> int:
+        """Read on; the status of its end."""
+        while os.read(self._out, 65536):
+            pass
+        os.close(self._out)
+        return self.process.wait(30)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("words", [("--headless",), ("--port", "0")])
+def test_a_terminal_that_does_not_read_delays_no_end(fork_server, words):
+    """After Ctrl-S, or in a pager: the duration is over while a message waits for its reader."""
+    run = UnreadRun(fork_server, *words)
+    try:
+        memory = run.find_memory()
+        begun = end = time.monotonic()
+        while not (memory.words[Word.QUIT] and memory.phase > 1) and end < begun + 20.0:
+            time.sleep(0.01)
+            end = time.monotonic()
+        assert memory.words[Word.QUIT]
+        assert memory.phase > 1
+        assert run.process.poll() is None  # it waits for its reader, coils off
+    finally:
+        status = run.close()
+    assert status == 0
 
 
 def test_a_second_signal_while_it_tidies_up_leaves_nothing_behind(fork_server):
@@ -385,11 +463,18 @@ def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
     monkeypatch.setattr(linux, "start", start_stopped)
 
 
-def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch):
+@pytest.mark.timeout(60)  # a start that waits for the server hangs
+@pytest.mark.parametrize("device", ["omni", "pmsm"])
+def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch, device):
+    """What a motor's server is sent at its start, with the tables, is larger than a pipe."""
+    from haptorb.cluster import pack
     from haptorb.serve.base import Serving, check_servers
 
     _stop_at_once(monkeypatch, "haptorb.serve.server_process")
-    servo = Servo("omni", record=False)
+    servo = Servo(device, record=False)
+    if device == "pmsm":
+        servo.device.prepare()
+        assert len(pack(servo.device)) > 65536
     with Serving(check_servers(["osc:127.0.0.1:0"]), servo) as serving, servo:
         before = time.monotonic()
         with pytest.raises(DriverError, match="did nothing"):

@@ -11,6 +11,7 @@ import pytest
 
 from haptorb.errors import UnknownName, WorldError
 from haptorb.runtime.servo import Servo
+from haptorb.worlds.user_world import FunctionWorld
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
 
@@ -220,3 +221,26 @@ def test_a_memory_that_breaks_in_a_servo_is_told(tmp_path: Path) -> None:
         ):
             servo.run(seconds=5)
         assert "steps" in servo.world_trouble
+
+
+def _push(state: Any) -> Any:
+    return np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def _pull(state: Any) -> Any:
+    return np.array([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def test_another_function_is_felt_when_the_force_of_this_one_is_zero() -> None:
+    servo = Servo("omni", _push, record=False)
+    servo.add_world(FunctionWorld(_pull))
+    with servo:
+        servo.hand.hold((0.0, 0.0, 0.051))
+        servo.run(0.6)
+        cursor = servo.rows()[0]
+        servo.set_world("_pull")
+        servo.run(0.3)
+        force = servo.rows(cursor)[1][:, servo.layout["wrench_commanded"].start]
+    assert force[0] == pytest.approx(0.3, abs=0.02)
+    assert force[-1] == pytest.approx(-0.3, abs=0.02)
+    assert (np.abs(force) < 1e-3).any()

@@ -16,9 +16,10 @@ from haptorb.estimation.types import TrackedPose
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.linux import TickTimeout
-from haptorb.runtime.tick import Tick
+from haptorb.runtime.tick import Tick, render_world
 from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds.base import World
+from haptorb.worlds.user_world import FunctionWorld
 
 OMNI = replace(load("omni"), tolerance=None)  # simulated as its file says
 DT = 1e-3
@@ -349,6 +350,38 @@ def test_another_world_comes_without_a_jump_of_current():
         assert step <= OMNI.limits.slew * DT * 1.001
         before = rig["current_commanded"].copy()
     assert rig["world"][0] == 1
+
+
+def push(state):
+    return np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def pull(state):
+    return np.array([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (FunctionWorld(push), FunctionWorld(pull)),
+        (worlds.Sum((FunctionWorld(push),)), worlds.Sum((FunctionWorld(pull),))),
+        (FunctionWorld(push) + worlds.Remote(), FunctionWorld(pull) + worlds.Remote()),
+    ],
+    ids=["functions", "sums", "beside clients"],
+)
+def test_another_world_of_the_same_class_is_felt_when_the_force_of_this_one_is_zero(one, other):
+    rig = Rig(one).go(800)
+    assert rig["wrench_commanded"][0] == pytest.approx(0.3, abs=0.02)
+    render_world(rig.tick, other, one)
+    sizes = []
+    for _ in range(150):
+        sizes.append(np.abs(rig.go(1)["wrench_commanded"][:3]).max())
+    assert min(sizes) < 1e-3
+    gone = int(np.argmin(sizes))
+    assert gone > 5  # it fades, at the rate of a change of world
+    assert rig["wrench_commanded"][0] == pytest.approx(-0.3, abs=0.02)
+    render_world(rig.tick, other, other)  # the same once more
+    assert np.abs(rig.go(1)["wrench_commanded"][0]) > 0.2
 
 
 def test_two_runs_are_alike_to_the_bit():

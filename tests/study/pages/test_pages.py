@@ -24,6 +24,7 @@ from haptorb.web.server import PageAddress
 from haptorb_study.columns import read_replies, tidy
 from haptorb_study.database import database
 from haptorb_study.pages.session_manager import SessionManager, try_step
+from haptorb_study.pages.socket_hub import MAX_PAGES, MAX_WAITING
 from haptorb_study.pages.study_server import STATIC, StudyServer
 from haptorb_study.study_file import Study, study_of
 
@@ -132,14 +133,19 @@ class StudyHost:
     def servo(self) -> Any:
         return self.servos[-1]
 
-    def participant(self) -> Page:
-        self._pages.append(Page(self.host.participant.replace("http", "ws") + "ws/participant"))
-        return self._pages[-1]
+    @property
+    def url(self) -> str:
+        return self.host.participant.partition("#")[0]
+
+    def participant(self, token: str | None = None) -> Page:
+        return self._open("participant", self.host.participant, token)
 
     def experimenter(self, token: str | None = None) -> Page:
-        known = self.host.experimenter.split("#")[1]
-        url = self.host.participant.replace("http", "ws") + "ws/experimenter"
-        self._pages.append(Page(url, known if token is None else token))
+        return self._open("experimenter", self.host.experimenter, token)
+
+    def _open(self, page: str, printed: str, token: str | None) -> Page:
+        known = printed.partition("#")[2]
+        self._pages.append(Page(self.url.replace("http", "ws") + f"ws/{page}", known if token is None else token))
         return self._pages[-1]
 
     def close(self) -> None:
@@ -250,32 +256,63 @@ def test_a_participants_page_cannot_steer(begun: tuple[StudyHost, Page, Page], c
     assert not {"stop", "engage"} & {call for call in host.servo.calls if isinstance(call, str)}
 
 
-@pytest.mark.parametrize("token", ["", "none", "x" * 22, '{"do": "abort"}'])
-def test_without_the_token_nobody_is_an_experimenter(begun: tuple[StudyHost, Page, Page], token: str) -> None:
+@pytest.mark.parametrize("who", ["participant", "experimenter"])
+@pytest.mark.parametrize("token", ["", "none", "x" * 22, '{"do": "abort"}', '{"do": "stop"}'])
+def test_without_the_token_nobody_has_a_page(begun: tuple[StudyHost, Page, Page], who: str, token: str) -> None:
+    """Other accounts of the computer reach the port, too: nothing is answered and nothing done."""
     host, _, _ = begun
-    stranger = host.experimenter(token)
+    stranger = host.participant(token) if who == "participant" else host.experimenter(token)
     stranger._listening.join(10)
     assert not stranger.heard
     assert stranger.socket.close_code == 1008
     assert host.manager.now == "running"
 
 
+def test_whoever_comes_before_the_participant_does_not_take_the_place(host: StudyHost) -> None:
+    """A page without the token that is there first neither agrees nor answers, and the participant's page does."""
+    with connect(host.url.replace("http", "ws") + "ws/participant", open_timeout=20) as stranger:
+        participant, experimenter = host.participant(), host.experimenter()
+        experimenter.do("begin", code="P01")
+        participant.state("consent")
+        assert not participant.view["watching"]
+        stranger.send(json.dumps({"do": "agree", "agreed": True}))
+        with pytest.raises(ConnectionClosed):
+            stranger.recv(timeout=10)
+        participant.do("stop")
+        assert participant.view["state"] == "consent"
+
+
+def test_connections_without_a_token_are_few_and_pages_have_a_number(host: StudyHost) -> None:
+    url = host.url.replace("http", "ws") + "ws/participant"
+    with ExitStack() as opened:
+        waiting = [opened.enter_context(connect(url, open_timeout=20)) for _ in range(MAX_WAITING + 4)]
+        for one in waiting[:4]:
+            with pytest.raises(ConnectionClosed):
+                one.recv(timeout=2.0)
+    pages = [host.participant() for _ in range(MAX_PAGES)]
+    pages[-1].until(lambda page: page.view)
+    one_more = host.participant()
+    one_more._listening.join(10)
+    assert one_more.socket.close_code == 1013
+    assert not one_more.heard
+
+
 def test_pages_of_other_origins_get_403(host: StudyHost) -> None:
     for path in ("ws/participant", "ws/experimenter"):
-        url = host.host.participant.replace("http", "ws") + path
+        url = host.url.replace("http", "ws") + path
         with pytest.raises(InvalidStatus) as refused, connect(url, origin="http://evil.example"):  # type: ignore[arg-type]
             pass
         assert refused.value.response.status_code == 403
-    assert httpx.get(host.host.participant, headers={"host": "evil.example"}).status_code == 403
+    assert httpx.get(host.url, headers={"host": "evil.example"}).status_code == 403
 
 
 def test_the_token_is_in_no_file_that_is_served(host: StudyHost) -> None:
-    token = host.host.experimenter.split("#")[1]
+    tokens = [printed.split("#")[1] for printed in (host.host.participant, host.host.experimenter)]
     for path in ("", "experimenter", "static/experimenter.js", "static/participant.js", "static/study.css"):
-        answer = httpx.get(host.host.participant + path)
+        answer = httpx.get(host.url + path)
         assert answer.status_code == 200
-        assert token not in answer.text
-    assert httpx.get(host.host.participant + "static/../host.py").status_code == 404
+        assert not any(token in answer.text for token in tokens)
+    assert httpx.get(host.url + "static/../host.py").status_code == 404
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import os
 import re
@@ -49,6 +50,25 @@ def test_ends_when_the_servo_ends(servo):
         servo.alive = False
         serving.join(10)
         assert not serving.is_alive()
+
+
+@pytest.mark.realtime
+def test_whatever_ends_the_server_the_coils_are_off_before_its_threads_end(servo):
+    """The end of an event loop waits for the threads of its executor, such as one that has asked for another world."""
+    free, off = threading.Event(), []
+
+    def ask_for_a_world():
+        free.wait(10.0)
+        off.append(getattr(servo, "ended", False))
+
+    def fail():
+        asyncio.get_running_loop().run_in_executor(None, ask_for_a_world)
+        threading.Timer(0.3, free.set).start()
+        raise RuntimeError("a fault of the caller")
+
+    with Console(servo, 0, force_map=flat_map) as console, pytest.raises(RuntimeError, match="fault of the caller"):
+        console.serve(until=fail)
+    assert off == [True]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

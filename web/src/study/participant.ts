@@ -25,6 +25,7 @@ let messageKey = ""; // identifies the content of the message
 let sentAt = 0;
 let steerTimer = 0; // of a move that came too soon after the previous one
 let mistake = ""; // shown until the next key
+let refusal = ""; // why the server closed this page
 
 const typed = element<HTMLInputElement>("typed");
 const pad = element<HTMLCanvasElement>("pad");
@@ -48,13 +49,14 @@ const connection = new Connection<View>("ws/participant", {
     paint();
   },
   showMistake,
-  onClose() {
+  onClose(reason) {
+    refusal = reason;
     view = NO_CONNECTION;
     pen = handGoal = null;
     mask?.stop();
     render();
   },
-}, location.hash.slice(1));
+}, location.hash.slice(1) || "none");
 
 function inTrial(): boolean {
   return (view.state === "running" || view.state === "time is up") && view.task !== null && !view.watching;
@@ -266,6 +268,7 @@ function describeStored(): string {
 function describeState(state: string): [string, string] {
   switch (state) {
     case "connecting":
+      if (refusal) return ["Access refused", refusal];
       return ["No connection", `The study's program does not respond, and STOP on this page does not work now. If you feel a force: ${POWER_OFF_INSTRUCTION.toLowerCase()}\n\nThis page reconnects by itself.`];
     case "waiting":
       return ["Welcome", "Please wait for the experimenter."];
