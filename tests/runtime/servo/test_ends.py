@@ -467,7 +467,7 @@ def _stop_at_once(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
 @pytest.mark.parametrize("device", ["omni", "pmsm"])
 def test_a_server_that_hangs_while_it_starts_is_refused_in_time(monkeypatch, device):
     """What a motor's server is sent at its start, with the tables, is larger than a pipe."""
-    from haptorb.cluster import pack
+    from haptorb.child_process import pack
     from haptorb.serve.base import Serving, check_servers
 
     _stop_at_once(monkeypatch, "haptorb.serve.server_process")
