@@ -110,7 +110,9 @@ def test_a_damaged_field_is_one_message(
     for value in values:
         (folder / "study.db").write_bytes(good)
         with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
-            found.execute("INSERT INTO copies (kind, place, study, settings, at) VALUES ('export', '/a', '', '{}', 't')")
+            found.execute(
+                "INSERT INTO copies (kind, place, study, settings, at) VALUES ('export', '/a', '', '{}', 't')"
+            )
             found.execute(
                 "INSERT INTO withdrawn (study, code, ordinal, at, text) SELECT digest, 'P99', 9, 't', '' FROM studies"
             )
@@ -209,7 +211,12 @@ def test_a_withdrawal_and_a_merge_touch_recordings_of_haptorb_beside_the_databas
 ) -> None:
     outside = folder.parent / "outside"
     outside.mkdir()
-    kept = [outside / "one-session-1-trial-1.mcap", outside / "thesis.txt", folder / "thesis.txt", folder / "notes.mcap"]
+    kept = [
+        outside / "one-session-1-trial-1.mcap",
+        outside / "thesis.txt",
+        folder / "thesis.txt",
+        folder / "notes.mcap",
+    ]
     for path in kept:
         path.write_text("years of work")
     with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
@@ -218,9 +225,9 @@ def test_a_withdrawal_and_a_merge_touch_recordings_of_haptorb_beside_the_databas
     engine = database("other.db")
     rehearse(engine, read_study(database("study.db", make=False)), 3, seed=2, first=5)
     engine.dispose()
-    files = {path for path in folder.rglob("*.mcap")}
+    files = set(folder.rglob("*.mcap"))
     assert run("study merge study.db other.db --into both.db") == 0
-    assert {path for path in folder.rglob("*.mcap")} == files
+    assert set(folder.rglob("*.mcap")) == files
     assert run(f"study withdraw study.db {code} --yes") == 0
     assert "years of work" not in capsys.readouterr().out
     assert [path.read_text() for path in kept] == ["years of work"] * 4
@@ -235,9 +242,7 @@ def test_the_name_of_a_study_matches_no_other_recordings(folder: Path, name: str
         path.write_text("others'")
     with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
         found.execute("PRAGMA foreign_keys = OFF")
-        found.execute(
-            "INSERT INTO studies (digest, name, text) SELECT 'x', ?, text FROM studies LIMIT 1", (name,)
-        )
+        found.execute("INSERT INTO studies (digest, name, text) SELECT 'x', ?, text FROM studies LIMIT 1", (name,))
         found.execute("UPDATE trials SET recording = NULL")
         (code,) = found.execute("SELECT code FROM participants WHERE ordinal = 0").fetchone()
     assert run(f"study withdraw study.db {code} --yes --study one") == 0

@@ -147,8 +147,8 @@ class _Watch:
 def try_commands(
     kind: FileKind | str, mutants: int, seed: int, folder: Path, mutate: Callable[[bytes, random.Random], bytes]
 ) -> Watched:
-    """The good file of `kind`, or of that name in FURTHER, which must be read, and so many damaged ones through each of its commands, on the ground
-    in `folder`."""
+    """The good file of `kind`, or of that name in FURTHER, which must be read, and so many damaged ones through each of
+    its commands, on the ground in `folder`."""
     inside, outside = make_ground(folder)
     name, commands = (kind, FURTHER[kind]) if isinstance(kind, str) else (NAMES[kind], COMMANDS[kind])
     good = (inside / name).read_bytes()
@@ -601,7 +601,8 @@ def _craft_notes(good: bytes, canary: str) -> Iterator[tuple[str, str, str, byte
     digest = "0" * 64
     for made in (
         {"made": {"kind": "haptorb.worlds.scene:Scene", "fields": {"source": f"{canary}.xml"}}},
-        {"made": {"kind": "haptorb.worlds.scene:Scene", "fields": {"source": {"scene": f"{canary}.xml", "digest": ""}}}},
+        {"made": {"kind": "haptorb.worlds.scene:Scene",
+                  "fields": {"source": {"scene": f"{canary}.xml", "digest": digest}}}},
         {"made": {"kind": "haptorb.worlds.user_world:WorldFile", "fields": {"path": f"{canary}_module.py"}}},
         {"code": {"file": f"{canary}_module.py", "name": "Canary", "digest": digest, "loaded": "yes", "made": ""}},
         {"code": {"file": "/dev/zero", "name": "Canary", "digest": digest, "loaded": "yes", "made": ""}},

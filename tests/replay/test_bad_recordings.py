@@ -190,7 +190,7 @@ def test_a_world_is_made_once_however_often_a_run_changes_to_it(
 
 @pytest.mark.parametrize(
     "gains",
-    ['{"x": [1]}', '{"translate": 1}', '{"translate": [1, 2]}', '{"translate": [1, 2, "3"]}', '{"translate": "abc"}',
+    ['{"x": [1]}', '{"translate": 1}', '{"translate": [1, 2]}', '{"translate": [1, 2, "x"]}', '{"translate": "abc"}',
      '{"translate": [1e999, 0, 0]}', '{"translate": [[1], 2, 3]}', f'{{"translate": [{"9" * 400}, 1, 1]}}',
      '{"translate": {"a": 1}}', '{"translate": null}', '{"translate_torque": true}', '{"\\u001b[2J": [1, 2, 3]}'],
 )  # fmt: skip

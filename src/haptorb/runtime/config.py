@@ -380,9 +380,12 @@ def _read_gains(run: Mapping[str, str], source: str) -> Gains | None:
     if not gains:
         return None
     try:
-        return Gains(**{name: None if value is None else tuple(value) for name, value in gains.items()})
+        given: dict[str, Any] = {name: None if value is None else tuple(value) for name, value in gains.items()}
+        return Gains(**given)
     except (TypeError, ValueError) as cause:  # another program may have written it
-        raise RecordingError(f"{source} cannot be replayed: its gains are {quote(gains)} ({quote(str(cause), 200)[1:-1]})") from cause
+        raise RecordingError(
+            f"{source} cannot be replayed: its gains are {quote(gains)} ({quote(str(cause), 200)[1:-1]})"
+        ) from cause
 
 
 def find_number(run: Mapping[str, str], key: str) -> float | None:

@@ -65,9 +65,7 @@ class Guidance(World):
         World.__post_init__(self)
         path = check_finite(self.path, "Guidance.path") if self.path else loop_path()
         if path.ndim != 2 or path.shape[1] != 3 or not 2 <= len(path) <= _MAX_POINTS:
-            raise InputError(
-                f"Guidance.path must be 2 to {_MAX_POINTS} points, shape (n, 3); got shape {path.shape}"
-            )
+            raise InputError(f"Guidance.path must be 2 to {_MAX_POINTS} points, shape (n, 3); got shape {path.shape}")
         object.__setattr__(self, "_path", np.ascontiguousarray(path))
 
     @property

@@ -232,7 +232,8 @@ def test_modules_beside_a_world_have_an_end(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     "source",
-    ["import " + ".".join("a" * 50_000), "import a" + ".\\\n  a" * 50_000, f"import {'a' * 300}", f"from {'x' * 300} import y", "x = " + "(" * 5000,
+    ["import " + ".".join("a" * 50_000), "import a" + ".\\\n  a" * 50_000,
+     f"import {'a' * 300}", f"from {'x' * 300} import y", "x = " + "(" * 5000,
      "import started_helper\n" + "-" * 100_000 + "1"],
     ids=["many parts", "continued", "long name", "long package", "brackets", "minus signs"],
 )  # fmt: skip
@@ -298,9 +299,9 @@ def test_the_path_of_a_note_is_read() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("spacing", 1e-12), ("spacing", 0.0), ("spacing", -2e-4), ("spacing", 1e300), ("spacing", 1e-3), ("spacing", "2e-4"),
-     ("spacing", None), ("spacing", True), ("spacing", list_arrays([2e-4])), ("closed", True), ("closed", 1.0),
-     ("closed", None), ("tangents", list_arrays([[0.0, 1.0, 0.0]])), ("tangents", list_arrays(np.zeros((201, 3)))),
+    [("spacing", 1e-12), ("spacing", 0.0), ("spacing", -2e-4), ("spacing", 1e300), ("spacing", 1e-3),
+     ("spacing", "2e-4"), ("spacing", None), ("spacing", True), ("spacing", list_arrays([2e-4])), ("closed", True),
+     ("closed", 1.0), ("closed", None), ("tangents", list_arrays([[0.0, 1.0, 0.0]])), ("tangents", list_arrays(np.zeros((201, 3)))),
      ("tangents", list_arrays(np.tile([0.0, 1.0, 0.0], (200, 1)))), ("tangents", list_arrays(np.zeros(603))),
      ("tangents", list_arrays(np.tile([0.0, 1.0], (201, 1)))), ("tangents", {"tuple": [1.0]}), ("tangents", 1.0),
      ("places", list_arrays([[0.0, 0.0, 0.05]])), ("places", list_arrays(np.full((201, 3), np.nan))),
