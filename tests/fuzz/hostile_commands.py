@@ -557,6 +557,9 @@ _NOTES = (
 )  # fmt: skip
 
 
+_VALUES = (None, True, 1e300, [], {}, [[1]], "x", -1, {"a": {}})
+
+
 def _craft_notes(good: bytes, canary: str) -> Iterator[tuple[str, str, str, bytes]]:
     """A recording whose frame and rows are right, and of whose notes one says something else."""
     import numpy as np
@@ -584,18 +587,19 @@ def _craft_notes(good: bytes, canary: str) -> Iterator[tuple[str, str, str, byte
         recorder.finish()
         return made.getvalue()
 
-    path = json.loads(note_world(PathGuidance().replace(mode=1.0)))
+    path, chance = json.loads(note_world(PathGuidance())), random.Random(35)
     for number, (name, values) in enumerate(whole.notes):
         for key, text in values.items():
-            for other in _NOTES:
-                yield f"note {name} {key} {other[:20]!a}", "replay FILE", "crafted.mcap", write(number, key, other)
+            others = chance.sample(_NOTES, 3)
             if text.startswith("{"):
-                for inner in json.loads(text):
-                    for other in (None, True, 1e300, [], {}, [[1]], "x", -1, {"a": {}}):
-                        whole_text = json.dumps({**json.loads(text), inner: other})
-                        content = write(number, key, whole_text)
-                        for command in ("replay FILE", "info FILE --json", "export FILE -o out.csv --force"):
-                            yield f"note {name} {key} {inner} {other}", command, "crafted.mcap", content
+                known = json.loads(text)
+                others += [json.dumps({**known, inner: one}) for inner in known for one in chance.sample(_VALUES, 2)]
+            for other in others:
+                command = chance.choice(
+                    ("replay FILE", "replay FILE", "info FILE --json", "export FILE -o out.csv --force")
+                )
+                content = write(number, key, other)
+                yield f"note {name} {key} {other[-60:]!a}", command, "crafted.mcap", content
     run = next(n for n, (name, _) in enumerate(whole.notes) if name == "haptorb/run")
     named = json.loads(whole.notes[run][1]["first_world"])["name"]
     digest = "0" * 64

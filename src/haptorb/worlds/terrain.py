@@ -113,7 +113,8 @@ class Terrain(World):
         heights = _check_heights(self.heights)
         if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or not 4 <= len(heights) <= _PIXELS:
             raise InputError(
-                f"Terrain.heights must be square, shape (n, n) with n from 4 to {_PIXELS}; got {heights.shape}"
+                f"Terrain.heights must be square, shape (n, n) with n of at least 4, at most {_PIXELS}; got "
+                f"{heights.shape}"
             )
         if np.abs(heights).max() > 1 + 1e-9:
             raise InputError(
