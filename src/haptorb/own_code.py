@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ast
 import io
+import os
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
+
+from haptorb.errors import InputError
+from haptorb.files import read_bytes
 
 __all__ = ["find_imports", "list_modules", "make_code", "pickle_with_code"]
 
@@ -17,20 +22,32 @@ __all__ = ["find_imports", "list_modules", "make_code", "pickle_with_code"]
 # Imports of a user's Python file from its own folder, found by parsing, without executing it.
 
 
+_MAX_FILES = 500  #: modules of one file
+_MAX_BYTES = 4 << 20  #: of all these modules together; parsing takes 1 s per 2 MB
+_MAX_NAME_PARTS = 40  #: parts of a dotted name: Python's parser takes time with their square
+_DOTTED = re.compile(rf"\b(?:\w+(?:[ \t]|\\\n)*\.(?:[ \t]|\\\n)*){{{_MAX_NAME_PARTS}}}")
+
+
 def find_imports(path: Path, source: str) -> dict[Path, str]:
     """Return file → text of every module in the folder of `path`, and below it, that `source`, its text, imports:
-    directly or through others, at the top or within a function. `path` itself is not among them."""
+    directly or through others, at the top or within a function. `path` itself is not among them.
+
+    Raises InputError for more than 500 modules, for more than 4 MiB of them, for one that cannot be read, and for a
+    name of more than 40 parts.
+    """
     found: dict[Path, str] = {}
-    waiting = [(path, source)]
+    waiting, left = [(path, source)], _MAX_BYTES
     while waiting:
         at, text = waiting.pop()
         for file in _list_files(at, text, path.parent):
-            if file != path and file not in found:
-                try:
-                    found[file] = file.read_text(encoding="utf-8", errors="replace")
-                except OSError:
-                    continue  # Python reports it better, at the import itself
-                waiting.append((file, found[file]))
+            if file == path or file in found:
+                continue
+            if len(found) >= _MAX_FILES:
+                raise InputError(f"{path} imports more than {_MAX_FILES} modules of its folder")
+            content = read_bytes(file, left, f"module of {path.name}", InputError)  # safety: imports-have-an-end
+            left -= len(content)
+            found[file] = content.decode("utf-8", "replace")
+            waiting.append((file, found[file]))
     return dict(sorted(found.items()))
 
 
@@ -42,9 +59,11 @@ def list_modules(files: dict[Path, str]) -> list[ModuleType]:
 
 def _list_files(path: Path, text: str, folder: Path) -> Iterator[Path]:
     """List the files below `folder` that `text`, of the file `path`, may import."""
+    if _DOTTED.search(text):
+        raise InputError(f"{path}: a name has more than {_MAX_NAME_PARTS} parts")
     try:
         tree = ast.parse(text)
-    except (SyntaxError, ValueError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # Python reports it better, at the import itself
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -60,10 +79,11 @@ def _list_files(path: Path, text: str, folder: Path) -> Iterator[Path]:
 
 def _resolve(folder: Path, parts: list[str]) -> Iterator[Path]:
     """List the files of a dotted name: those of its packages, and the module's."""
-    for count in range(1, len(parts) + 1):
-        place = folder.joinpath(*parts[:count])
+    place = folder
+    for part in parts:
+        place = place / part
         for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
-            if file.is_file():
+            if os.path.isfile(file):  # unlike Path.is_file also false for a name that no file can have
                 yield file
 
 

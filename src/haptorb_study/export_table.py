@@ -10,11 +10,12 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
 from haptorb.errors import RecordingError
-from haptorb.files import escape_formula, replace_files
+from haptorb.files import escape_formula, open_regular, replace_files
 from haptorb_study.columns import COLUMNS, Columns
 from haptorb_study.data_dictionary import FLAGS, describe_columns, describe_events, describe_questions
 from haptorb_study.export_scripts import make_python_script, make_r_script
@@ -177,19 +178,19 @@ def _check_table(study: Study, path: Path) -> None:
         if path.suffix.lower() == ".parquet":
             from pyarrow import parquet
 
-            with parquet.ParquetFile(path) as table:
+            with open_regular(path, "table", RecordingError) as file, parquet.ParquetFile(file) as table:
                 if "trial" not in table.schema_arrow.names:
                     found = "no table of trials"
                 elif "study" in table.schema_arrow.names and table.metadata.num_rows:
                     found = str(next(table.iter_batches(1, columns=["study"])).column(0)[0].as_py())
         else:
-            with path.open(newline="", encoding="utf-8-sig") as file:
-                rows = csv.DictReader(file)
+            with open_regular(path, "table", RecordingError) as file:
+                rows = csv.DictReader(TextIOWrapper(file, newline="", encoding="utf-8-sig"))
                 if "trial" not in (rows.fieldnames or ()):
                     found = "no table of trials"
                 elif (first := next(rows, None)) is not None:
                     found = first.get("study") or ""  # older exports have no such column
-    except (OSError, ValueError, csv.Error):
+    except (OSError, ValueError, RecordingError, csv.Error):
         found = "no table of trials"
     if found not in ("", study.name):  # safety: export-own-table
         what = found if found == "no table of trials" else f"the export of another study, '{found}'"

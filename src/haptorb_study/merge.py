@@ -387,9 +387,10 @@ class _Writer:
         for row in rows:
             if not row["recording"]:
                 continue
-            path = locate_recording(folder, row["recording"])
+            named = Path(row["recording"].partition("#t=")[0])
+            path = locate_recording(folder, row["recording"]) or folder / named.name
             if path not in known:
-                if not path.is_file():
+                if locate_recording(folder, row["recording"]) is None or not path.is_file():
                     self.missing.add(str(path))
                     known[path] = str(path)  # its original path
                 else:

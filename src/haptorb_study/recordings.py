@@ -44,8 +44,17 @@ def name_parts(recording: Path) -> dict[str, str]:
     return {} if found is None else {"session": found["session"], "first_trial": found["trial"]}
 
 
-def locate_recording(folder: Path, part: str) -> Path:
-    """File of a trial's `part` (FILE#t=FROM,TO) of a recording, in the `folder` of its database."""
-    path = folder / part.partition("#t=")[0]
+_GIVEN = re.compile(r"(.+-)?session-[0-9]+(-.*)?\.mcap", re.DOTALL)
+
+
+def locate_recording(folder: Path, part: str) -> Path | None:
+    """File of a trial's `part` (FILE#t=FROM,TO) of a recording, in the `folder` of its database; None for a name that
+    haptorb does not give to recordings. It is copied and deleted, and a stranger may have written the database.
+
+    >>> locate_recording(Path("a"), "b/dome-session-3-trial-12.mcap#t=0,1").as_posix()
+    'a/dome-session-3-trial-12.mcap'
+    >>> locate_recording(Path("a"), "/home/anna/thesis.tex")
+    """
     # Older versions stored the path relative to the folder in which the session was started.
-    return path if path.is_file() else folder / path.name
+    name = Path(part.partition("#t=")[0]).name
+    return folder / name if _GIVEN.fullmatch(name) else None  # safety: recording-own-name

@@ -83,6 +83,18 @@ def _is_trips(value: Any) -> bool:
     return isinstance(found, list) and len(found) < 10_000 and all(isinstance(one, dict | str) for one in found)
 
 
+def _is_copy_kind(value: Any) -> bool:
+    return value in ("export", "backup", "source", "merged")
+
+
+def _is_copy_settings(value: Any) -> bool:
+    found = _read(value, MAX_PLAN_CHARACTERS)
+    if not isinstance(found, Mapping):
+        return False
+    codes, kind = found.get("codes", {}), found.get("data")
+    return isinstance(codes, Mapping) and all(map(_is_word, codes.values())) and (kind is None or _is_word(kind))
+
+
 def _or_nothing(check: Check) -> Check:
     return lambda value: value is None or check(value)
 
@@ -123,6 +135,18 @@ _RULES: Mapping[str, Mapping[str, tuple[str, Check]]] = {
         "text": ("a text", _is_text),
     },
     "replies": {"question": ("a name", _is_word), "reply": ("a text", _is_text)},
+    "withdrawn": {
+        "code": ("a code", _is_word),
+        "ordinal": ("a whole number from 0", _is_count),
+        "at": ("a time", _is_word),
+        "text": ("a text", _is_text),
+    },
+    "copies": {
+        "kind": ("export, backup, source or merged", _is_copy_kind),
+        "place": ("a path or an address", _is_path),
+        "study": ("a name, or an empty text", _is_text),
+        "settings": ("settings (JSON)", _is_copy_settings),
+    },
 }
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sqlite3
 from contextlib import closing
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 from sqlalchemy import func, select, text
@@ -78,12 +79,13 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
         session = _find_session(engine, study, code)
         claims = [] if session is None else [lock_session(engine, session)]
         try:
-            files, shared = _list_recordings(engine, place, session)
+            files, shared, others = _list_recordings(engine, place, session)
             trial_count, reply_count = _remove_rows(engine, study, code, session)
         finally:
             for claim in claims:
                 claim.release()
         left = [f"{path}: other participants' trials are in it" for path in shared]
+        left += [f"{name}: not the name of a recording of haptorb beside the database" for name in others]
         gone = []
         for path in files:
             try:
@@ -146,26 +148,36 @@ def _find_session(engine: Engine, study: Study, code: str) -> int | None:
     )
 
 
-def _list_recordings(engine: Engine, place: str | Path, session: int | None) -> tuple[list[Path], list[Path]]:
-    """Files with trials of `session` only, and files shared with other sessions, which are not removed."""
+def _list_recordings(
+    engine: Engine, place: str | Path, session: int | None
+) -> tuple[list[Path], list[Path], list[str]]:
+    """Files with trials of `session` only; files shared with other sessions, and names that haptorb does not give:
+    these are not removed."""
     with engine.connect() as connection:
         rows = connection.execute(
             select(trials.c.session, trials.c.recording).where(trials.c.recording.is_not(None))
         ).all()
     folder = folder_of(place)
     of: dict[Path, set[int]] = {}
+    others: dict[str, None] = {}
     for row in rows:
-        of.setdefault(locate_recording(folder, row.recording), set()).add(row.session)
+        if (found := locate_recording(folder, row.recording)) is not None:
+            of.setdefault(found, set()).add(row.session)
+        elif row.session == session:
+            others[row.recording.partition("#t=")[0]] = None
     mine = {path: people for path, people in of.items() if session in people}
     # A part interrupted before its first answer is named after its session only.
     with engine.connect() as connection:
         names = [str(name) for name in connection.execute(text("SELECT DISTINCT name FROM studies")).scalars()]
     for name in names if session is not None else ():
-        for path in folder.glob(f"{name}-session-{session}-trial-*.mcap"):
+        if Path(name).name != name:
+            continue  # of a stranger
+        for path in folder.glob(f"{escape(name)}-session-{session}-trial-*.mcap"):  # safety: withdrawn-names
             mine.setdefault(path, {session or 0})
     for path in folder.glob(f"session-{session}-*.mcap") if session is not None else ():  # of an older haptorb
         mine.setdefault(path, {session or 0})
-    return [p for p, people in mine.items() if len(people) == 1], [p for p, people in mine.items() if len(people) > 1]
+    alone, shared = ([path for path, people in mine.items() if (len(people) > 1) is many] for many in (False, True))
+    return alone, shared, list(others)
 
 
 def _remove_rows(engine: Engine, study: Study, code: str, session: int | None) -> tuple[int, int]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import os
 import random
+import struct
 import sys
+import zlib
 from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
@@ -16,7 +19,7 @@ import numpy as np
 import pytest
 
 from fuzz.good_files import NAMES
-from fuzz.hostile_commands import COMMANDS, GOOD, craft_files, make_ground, try_files
+from fuzz.hostile_commands import COMMANDS, FURTHER, GOOD, craft_files, make_ground, try_files
 from haptorb import worlds
 from haptorb.devices.loader import load, parse
 from haptorb.devices.quantity import si
@@ -25,7 +28,9 @@ from haptorb.estimation.calibration_file import Calibration, write_calibration
 from haptorb.file_kind import FileKind
 from haptorb.json_file import numbers, parse_document
 from haptorb.recording import destination
+from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
+from haptorb.recording.row import RowLayout
 from haptorb.runtime.world_requests import change_world, parse_request, request
 from haptorb_study.columns import COLUMNS
 from haptorb_study.export_table import write_csv
@@ -86,14 +91,12 @@ def test_every_command_reads_a_good_file_and_refuses_mutants_in_words(
     """One of each kind; `python tests/fuzz/hostile_files.py --mutants 0` tries more."""
     inside, outside = ground
     chance, tasks, each = random.Random(4), [], repetitions(1, 4)
-    for kind, commands in COMMANDS.items():
-        good = (inside / NAMES[kind]).read_bytes()
-        text = kind.name not in ("RECORDING", "RESULTS", "STUDY_DATABASE")
+    for name, commands in ({NAMES[kind]: commands for kind, commands in COMMANDS.items()} | FURTHER).items():
+        good = (inside / name).read_bytes()
+        text = Path(name).suffix not in (".mcap", ".sqlite", ".db", ".network", ".png")
         for command in commands:
-            tasks.append((GOOD, command, NAMES[kind], good))
-            tasks += [
-                (f"{kind.name} {n}", command, NAMES[kind], hostile.mutant(good, chance, text=text)) for n in range(each)
-            ]
+            tasks.append((GOOD, command, name, good))
+            tasks += [(f"{name} {n}", command, name, hostile.mutant(good, chance, text=text)) for n in range(each)]
     found = try_files(tasks, inside, outside)
     assert found.wrong == []
     assert found.refused > found.files // 4
@@ -291,6 +294,71 @@ def test_a_chunk_that_says_it_is_a_gigabyte_is_refused_before_it_is_made(hostile
     path.write_bytes(hostile.MAGIC + hostile.mcap_chunk((channel + other) * 500_000))
     with pytest.raises(RecordingError, match="more records"):
         Recording(path)
+
+
+def list_again(content: bytes, opcode: int, times: int, offset: int | None = None) -> bytes:
+    """The recording, whose summary lists its last record of that index so many times more, with the right check sum;
+    offset: instead of where the record is."""
+    start = struct.unpack_from("<Q", content, len(content) - 28)[0]
+    end, at, found = len(content) - 37, start, (0, 0)
+    summary, counts = bytearray(), 0
+    while at < end:
+        length = 9 + struct.unpack_from("<Q", content, at + 1)[0]
+        if content[at] == 11:
+            counts = len(summary)
+        found = (at, length) if content[at] == opcode else found
+        summary += content[at : at + length]
+        at += length
+    more = bytearray(content[found[0] : sum(found)])
+    if offset is not None:
+        struct.pack_into("<Q", more, 9 if opcode == 13 else 25, offset)
+    place = counts + 9 + (18 if opcode == 13 else 22)  # the number of notes, or of chunks
+    struct.pack_into("<I", summary, place, struct.unpack_from("<I", summary, place)[0] + times)
+    summary += bytes(more) * times + content[end : end + 9] + struct.pack("<QQ", start, 0)
+    return content[:start] + bytes(summary) + struct.pack("<I", zlib.crc32(summary)) + content[-8:]
+
+
+@pytest.mark.parametrize("opcode", [8, 13])
+@pytest.mark.parametrize("offset", [None, 9, 2**64 - 1, 2**64 - 40, 2**63])
+def test_an_index_that_lists_a_record_again_makes_no_more_of_it(
+    hostile: ModuleType, tmp_path: Path, opcode: int, offset: int | None
+) -> None:
+    layout, file = RowLayout(3, 2), io.BytesIO()
+    recorder = Recorder(file, layout, 1000.0, 0)
+    recorder.add_metadata("error", {"text": "x" * 100_000})
+    recorder.append(np.zeros((300, layout.width)))
+    recorder.finish()
+    path = tmp_path / "run.mcap"
+    path.write_bytes(file.getvalue())
+    good = Recording(path)
+    path.write_bytes(list_again(file.getvalue(), opcode, 0))
+    assert Recording(path).notes == good.notes
+    path.write_bytes(list_again(file.getvalue(), opcode, 100, offset))
+    found = Recording(path)
+    assert found.notes == good.notes
+    assert found.rows.tobytes() == good.rows.tobytes()
+
+
+def test_worlds_with_more_memory_than_rows_can_hold_are_refused(tmp_path: Path) -> None:
+    layout = RowLayout(3, 2, memory=2000)
+    path = tmp_path / "run.mcap"
+
+    def write(worlds: int) -> Recording:
+        with path.open("wb") as file:
+            recorder = Recorder(file, layout, 1000.0, 0)
+            for n in range(worlds):
+                field = {"name": "it", "unit": "m", "shape": [2000]}
+                text = json.dumps({"name": f"world{n}", "memory": [field]})
+                recorder.add_metadata("world", {"change": str(n), "tick": "0", "world": text})
+            recorder.append(np.zeros((30, layout.width)))
+            recorder.finish()
+        return Recording(path)
+
+    assert len(write(8).memory) == 8
+    many = write(100)
+    for read in (lambda: many.memory, lambda: many.columns, lambda: many.to_csv(tmp_path / "run.csv")):
+        with pytest.raises(RecordingError, match="more memory"):
+            read()
 
 
 def test_cells_that_spreadsheets_would_compute_are_text(tmp_path: Path) -> None:

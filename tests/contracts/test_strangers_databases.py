@@ -94,6 +94,11 @@ DAMAGE: list[tuple[str, str, list[object]]] = [
     ("participants", "ordinal", ["one", -1, 1.5]),
     ("studies", "text", ["", "name = ", b"name = 'one'", "name = 'one'\nworld = 3", "[" * 5000, "x" * 300_000]),
     ("studies", "name", [b"one", ""]),
+    ("copies", "kind", ["", "other", b"export"]),
+    ("copies", "place", ["", "\x1b", b"a", "x" * 5000]),
+    ("copies", "settings", ["", "[]", b"{}", "[" * 3000, '{"codes": 3}', '{"codes": {"P01": 3}}', '{"data": []}']),
+    ("withdrawn", "code", ["", b"P01", "a" * 300]),
+    ("withdrawn", "text", [b"gone"]),
 ]  # fmt: skip
 
 
@@ -105,6 +110,12 @@ def test_a_damaged_field_is_one_message(
     for value in values:
         (folder / "study.db").write_bytes(good)
         with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
+            found.execute(
+                "INSERT INTO copies (kind, place, study, settings, at) VALUES ('export', '/a', '', '{}', 't')"
+            )
+            found.execute(
+                "INSERT INTO withdrawn (study, code, ordinal, at, text) SELECT digest, 'P99', 9, 't', '' FROM studies"
+            )
             found.execute(f"UPDATE {table} SET {column} = ? WHERE rowid = (SELECT min(rowid) FROM {table})", (value,))
         before = (folder / "study.db").read_bytes()
         with pytest.raises((RecordingError, InputError), match=r"study\.db is damaged|in the database") as told:
@@ -188,6 +199,71 @@ def test_a_database_that_is_locked_or_read_only_says_so(
             assert "study.db" in refusal("study simulate study.toml --participants 1 --db study.db", capsys)
         finally:
             folder.chmod(0o700)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["{outside}/one-session-1-trial-1.mcap", "../outside/one-session-1-trial-1.mcap", "{outside}/thesis.txt",
+     "thesis.txt", "notes.mcap", "../it/thesis.txt"],
+)  # fmt: skip
+def test_a_withdrawal_and_a_merge_touch_recordings_of_haptorb_beside_the_database_only(
+    folder: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outside = folder.parent / "outside"
+    outside.mkdir()
+    kept = [
+        outside / "one-session-1-trial-1.mcap",
+        outside / "thesis.txt",
+        folder / "thesis.txt",
+        folder / "notes.mcap",
+    ]
+    for path in kept:
+        path.write_text("years of work")
+    with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
+        found.execute("UPDATE trials SET recording = ?", (f"{name.format(outside=outside)}#t=0,1",))
+        (code,) = found.execute("SELECT code FROM participants WHERE ordinal = 0").fetchone()
+    engine = database("other.db")
+    rehearse(engine, read_study(database("study.db", make=False)), 3, seed=2, first=5)
+    engine.dispose()
+    files = set(folder.rglob("*.mcap"))
+    assert run("study merge study.db other.db --into both.db") == 0
+    assert set(folder.rglob("*.mcap")) == files
+    assert run(f"study withdraw study.db {code} --yes") == 0
+    assert "years of work" not in capsys.readouterr().out
+    assert [path.read_text() for path in kept] == ["years of work"] * 4
+
+
+@pytest.mark.parametrize("name", ["*", "../outside/one", "othe[r]"])
+def test_the_name_of_a_study_matches_no_other_recordings(folder: Path, name: str) -> None:
+    outside = folder.parent / "outside"
+    outside.mkdir()
+    kept = [outside / "one-session-1-trial-1.mcap", folder / "other-session-1-trial-1.mcap"]
+    for path in kept:
+        path.write_text("others'")
+    with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
+        found.execute("PRAGMA foreign_keys = OFF")
+        found.execute("INSERT INTO studies (digest, name, text) SELECT 'x', ?, text FROM studies LIMIT 1", (name,))
+        found.execute("UPDATE trials SET recording = NULL")
+        (code,) = found.execute("SELECT code FROM participants WHERE ordinal = 0").fetchone()
+    assert run(f"study withdraw study.db {code} --yes --study one") == 0
+    assert [path.read_text() for path in kept] == ["others'"] * 2
+
+
+@pytest.mark.parametrize("end", ["csv", "parquet"])
+def test_an_export_that_a_database_names_is_not_waited_for(folder: Path, end: str) -> None:
+    """A pipe, or a file without an end, in place of the export that a withdrawal makes again."""
+    os.mkfifo(folder / f"pipe.{end}")
+    (folder / f"zero.{end}").symlink_to("/dev/zero")
+    with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
+        for name in ("pipe", "zero"):
+            found.execute(
+                "INSERT INTO copies (kind, place, study, settings, at) VALUES ('export', ?, '', '{}', 't')",
+                (str(folder / f"{name}.{end}"),),
+            )
+        (code,) = found.execute("SELECT code FROM participants WHERE ordinal = 0").fetchone()
+    assert run(f"study withdraw study.db {code} --yes") == 0
+    assert (folder / f"pipe.{end}").is_fifo()
+    assert (folder / f"zero.{end}").is_symlink()
 
 
 def test_the_recordings_of_a_database_lie_beside_it() -> None:

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from haptorb.cli import main
 from haptorb.devices.loader import load
@@ -42,6 +43,20 @@ _THERMAL = ",".join(
               for coil in "xyz")]
 )  # fmt: skip
 _HEATING = "\n".join(f"{t},3.5,3.5,3.5," + ",".join([f"{25 + t / 10}"] * 3 + [f"{25 + t / 30}"] * 3) for t in range(40))
+_LOADS = ",".join(
+    ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", *(f"current_{name}_a" for name in "xyz"), "fx_n", "fy_n", "fz_n",
+     "tx_nm", "ty_nm", "tz_nm"]
+) + "\n" + "".join(
+    f"{0.03 * (n % 3 - 1):g},{0.03 * (n // 3 % 3 - 1):g},0.055,0,0,0,1,{n % 3},{n % 5 - 2},{n % 4},0.1,0,{n / 50:g},0,"
+    "0.001,0\n" for n in range(16)
+)  # fmt: skip
+_PATH = "x_mm,y_mm,z_mm\n" + "".join(f"{3 * n - 15},{n % 3},{54 - n % 2}\n" for n in range(11))
+_MAPPING = """unit = "mm"
+axes = ["x", "-z", "y"]
+[[messages]]
+address = "/pose"
+values = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+"""
 _STUDY = """name = "one"
 procedure = "identification"
 [trials]
@@ -59,6 +74,10 @@ def fill_whole(folder: Path) -> None:
     fill(folder)
     record_chain(folder / NAMES[K.RECORDING], ticks=40)
     (folder / NAMES[K.TABLE]).write_text(f"{_THERMAL}\n{_HEATING}\n")
+    (folder / "loads.csv").write_text(_LOADS)
+    (folder / "path.csv").write_text(_PATH)
+    (folder / "mapping.toml").write_text(_MAPPING)
+    Image.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save(folder / NAMES[K.PICTURE])
     (folder / NAMES[K.STUDY]).write_text(_STUDY)
     for name in (K.RESULTS, K.STUDY_DATABASE, K.REGISTRATION):
         (folder / NAMES[name]).unlink()
@@ -66,6 +85,7 @@ def fill_whole(folder: Path) -> None:
     for words in (
         ["study", "check", study, "--register", registration],
         ["study", "simulate", study, "--db", str(folder / NAMES[K.STUDY_DATABASE]), "--participants", "1"],
+        ["study", "simulate", study, "--db", str(folder / "second.db"), "--participants", "2", "--first", "5"],
         ["design", "sweep", search, "--into", str(folder / NAMES[K.RESULTS]), "--count", "2"],
     ):
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -75,8 +95,9 @@ def fill_whole(folder: Path) -> None:
                 code = end.code or 0
         if code:
             raise AssertionError(f"{words} did not make a good file")
-    for name in (K.RESULTS, K.STUDY_DATABASE):  # whole in one file: else the answers lie in the log beside it
-        with contextlib.closing(sqlite3.connect(folder / NAMES[name])) as made:
+    # whole in one file: else the answers lie in the log beside it
+    for name in (NAMES[K.RESULTS], NAMES[K.STUDY_DATABASE], "second.db"):
+        with contextlib.closing(sqlite3.connect(folder / name)) as made:
             made.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 

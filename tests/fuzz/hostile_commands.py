@@ -23,6 +23,7 @@ import signal
 import sqlite3
 import struct
 import sys
+import tempfile
 import traceback
 import warnings
 import zipfile
@@ -38,7 +39,7 @@ from fuzz.good_files import NAMES, fill_whole
 from haptorb.file_kind import FileKind
 from haptorb.worlds.scene_physics import load_engine
 
-__all__ = ["COMMANDS", "Watched", "craft_files", "make_ground", "try_commands", "try_files"]
+__all__ = ["COMMANDS", "FURTHER", "Watched", "craft_files", "make_ground", "try_commands", "try_files"]
 
 K = FileKind
 SLOW = 2.0  #: of the processor for one file, more than for a good one [s]
@@ -55,6 +56,7 @@ COMMANDS: dict[FileKind, tuple[str, ...]] = {
         "export FILE -o out.npz --force",
         "replay FILE",
         "VIEW FILE",
+        "TRACKER FILE",
     ),
     K.DEVICE: ("inspect FILE --json",),
     K.CALIBRATION: ("run omni --headless --duration 0.1 --calibration FILE",),
@@ -64,10 +66,25 @@ COMMANDS: dict[FileKind, tuple[str, ...]] = {
     K.RESULTS: ("design report FILE -o out.html --best 1",),
     K.STUDY: ("study check FILE",),
     K.REGISTRATION: ("study analyse study.db --registration FILE",),
-    K.STUDY_DATABASE: ("study participants FILE --json", "study export FILE trials.csv --force"),
+    K.STUDY_DATABASE: (
+        "study participants FILE --json",
+        "study export FILE trials.csv --force",
+        "study merge FILE second.db --into made.db",
+        "study withdraw FILE SIM01 --yes",
+        "study backup FILE made.db",
+    ),
     K.SCENE: ("check omni --scene FILE",),
     K.TABLE: ("THERMAL FILE",),
     K.FELT_DESIGNS: ("FEEL FILE",),
+    K.NETWORK: ("NETWORK FILE",),
+    K.PICTURE: ("PICTURE FILE",),
+}
+
+#: files of a kind that others have as well → the commands that read them
+FURTHER: dict[str, tuple[str, ...]] = {
+    "mapping.toml": ("MAPPING FILE",),
+    "path.csv": ("PATH FILE",),
+    "loads.csv": ("LOADS FILE",),
 }
 
 
@@ -128,16 +145,17 @@ class _Watch:
 
 
 def try_commands(
-    kind: FileKind, mutants: int, seed: int, folder: Path, mutate: Callable[[bytes, random.Random], bytes]
+    kind: FileKind | str, mutants: int, seed: int, folder: Path, mutate: Callable[[bytes, random.Random], bytes]
 ) -> Watched:
-    """The good file of `kind`, which must be read, and so many damaged ones through each of its commands, on the ground
-    in `folder`."""
+    """The good file of `kind`, or of that name in FURTHER, which must be read, and so many damaged ones through each of
+    its commands, on the ground in `folder`."""
     inside, outside = make_ground(folder)
-    good = (inside / NAMES[kind]).read_bytes()
-    chance = random.Random(f"{kind.name} {seed}")
+    name, commands = (kind, FURTHER[kind]) if isinstance(kind, str) else (NAMES[kind], COMMANDS[kind])
+    good = (inside / name).read_bytes()
+    chance = random.Random(f"{name} {seed}")
     contents = [good, *(mutate(good, chance) for _ in range(mutants))]
-    titles = [GOOD if n == 0 else f"{kind.name} {n}" for n in range(len(contents))]
-    return try_files([(title, command, NAMES[kind], content) for command in COMMANDS[kind]
+    titles = [GOOD if n == 0 else f"{name} {n}" for n in range(len(contents))]
+    return try_files([(title, command, name, content) for command in commands
                       for title, content in zip(titles, contents, strict=True)], inside, outside)  # fmt: skip
 
 
@@ -150,10 +168,13 @@ def try_files(tasks: Sequence[tuple[str, str, str, bytes]], inside: Path, outsid
     ):  # fmt: skip
         warnings.simplefilter("ignore", ResourceWarning)  # a command leaves to the end of its process what it has open
         wanted = {command for _, command, _, _ in tasks} - _loaded
-        for kind, commands in COMMANDS.items():  # loads what they need, once for all children
+        known = {NAMES[kind]: commands for kind, commands in COMMANDS.items()} | FURTHER
+        for name, commands in known.items():  # loads what they need, once for all children
+            content = (inside / name).read_bytes()
             with contextlib.chdir(inside):
                 for command in wanted & set(commands):
-                    _run(command.replace("FILE", NAMES[kind]))
+                    _run(command.replace("FILE", name))
+            _put(inside / name, content)
         _loaded.update(wanted)
         gc.collect()
     good = {name: (inside / name).read_bytes() for _, _, name, _ in tasks if (inside / name).is_file()}
@@ -251,13 +272,60 @@ def _try_one(command: str, watch: _Watch) -> dict[str, Any]:
     return {"code": code, "seconds": took, "wrong": wrong, "said": text[-300:]}
 
 
+def _read_loads(path: Path) -> None:
+    from haptorb.devices.loader import load
+    from haptorb.estimation.load_cell_calibration import read_loads
+
+    read_loads(path, load("omni"))  # type: ignore[arg-type]
+
+
+def _read_mapping(path: Path) -> None:
+    from haptorb.runtime.trackers.formats import load_mapping, make_reader
+
+    make_reader(load_mapping(path))
+
+
+def _read_network(path: Path) -> None:
+    from haptorb.estimation.network import read_networks
+
+    read_networks(path)
+
+
+def _read_path(path: Path) -> None:
+    from haptorb.worlds import load_path
+
+    load_path(path)
+
+
+def _read_picture(path: Path) -> None:
+    from haptorb.worlds import Terrain
+
+    _ = Terrain.image(path).bound
+
+
+def _read_poses(path: Path) -> None:
+    from haptorb.runtime.trackers.replay import load_poses
+
+    load_poses(path)
+
+
+#: what has no command that ends at once: the function behind it
+_READERS: dict[str, Callable[[Path], None]] = {
+    "LOADS": _read_loads, "MAPPING": _read_mapping, "NETWORK": _read_network, "PATH": _read_path,
+    "PICTURE": _read_picture, "TRACKER": _read_poses,
+}  # fmt: skip
+
+
 def _run(command: str) -> int:
     """The exit code; of what waits for people, or for a loop, what it does with the file before that."""
     from haptorb.errors import HaptorbError
 
     name, *words = command.split()
+    Path("made.db").unlink(missing_ok=True)  # made by the command before
     try:
-        if name == "VIEW":
+        if name in _READERS:
+            _READERS[name](Path(words[0]))
+        elif name == "VIEW":
             from haptorb.web.view import Viewer
 
             Viewer([Path(words[0])], 0)
@@ -352,6 +420,7 @@ def craft_files(inside: Path, outside: Path) -> Iterator[tuple[str, str, str, by
             (f"<mujoco><worldbody>{text}</worldbody></mujoco>".encode()),
         )
     yield from _craft_recordings()
+    yield from _craft_notes((inside / NAMES[K.RECORDING]).read_bytes(), canary)
     yield from _craft_databases(inside)
     yield from _craft_scenes(canary)
     for kind, commands in COMMANDS.items():
@@ -479,6 +548,74 @@ def _craft_recordings() -> Iterator[tuple[str, str, str, bytes]]:
         recorder.finish()
         for command in COMMANDS[K.RECORDING]:
             yield f"recording {number}", command, "crafted.mcap", file.getvalue()
+
+
+#: in place of a note of a recording, and of the values in those that are JSON
+_NOTES = (
+    "", "0", "-1", "1e999", "nan", "9" * 5000, "null", "true", "[]", "{}", '{"x": [1]}', "[[[1]]]", "[" * 5000,
+    '{"a":' * 300 + "1" + "}" * 300, "\x1b[2J", "x" * 100_000, "../../../etc/passwd", "/dev/zero", "%%%", "AAAA",
+)  # fmt: skip
+
+
+_VALUES = (None, True, 1e300, [], {}, [[1]], "x", -1, {"a": {}})
+
+
+def _craft_notes(good: bytes, canary: str) -> Iterator[tuple[str, str, str, bytes]]:
+    """A recording whose frame and rows are right, and of whose notes one says something else."""
+    import numpy as np
+
+    from haptorb.recording.mcap import Recorder
+    from haptorb.recording.recording import Recording
+    from haptorb.worlds import PathGuidance
+    from haptorb.worlds.user_world import note_world
+
+    with tempfile.NamedTemporaryFile(suffix=".mcap") as file:
+        file.write(good)
+        file.flush()
+        whole = Recording(file.name)
+
+    def write(changed: int, key: str, value: str) -> bytes:
+        made = io.BytesIO()
+        recorder = Recorder(made, whole.layout, 1000.0, 0)
+        for number, (name, values) in enumerate(whole.notes):
+            short = name.removeprefix("haptorb/")
+            if number == changed:
+                recorder.add_metadata(short, {**values, key: value})
+            elif short not in ("layout", "clock"):
+                recorder.add_metadata(short, values)
+        recorder.append(np.array(whole.rows))
+        recorder.finish()
+        return made.getvalue()
+
+    path, chance = json.loads(note_world(PathGuidance())), random.Random(35)
+    for number, (name, values) in enumerate(whole.notes):
+        for key, text in values.items():
+            others = chance.sample(_NOTES, 3)
+            if text.startswith("{"):
+                known = json.loads(text)
+                others += [json.dumps({**known, inner: one}) for inner in known for one in chance.sample(_VALUES, 2)]
+            for other in others:
+                command = chance.choice(
+                    ("replay FILE", "replay FILE", "info FILE --json", "export FILE -o out.csv --force")
+                )
+                content = write(number, key, other)
+                yield f"note {name} {key} {other[-60:]!a}", command, "crafted.mcap", content
+    run = next(n for n, (name, _) in enumerate(whole.notes) if name == "haptorb/run")
+    named = json.loads(whole.notes[run][1]["first_world"])["name"]
+    digest = "0" * 64
+    for made in (
+        {"made": {"kind": "haptorb.worlds.scene:Scene", "fields": {"source": f"{canary}.xml"}}},
+        {"made": {"kind": "haptorb.worlds.scene:Scene",
+                  "fields": {"source": {"scene": f"{canary}.xml", "digest": digest}}}},
+        {"made": {"kind": "haptorb.worlds.user_world:WorldFile", "fields": {"path": f"{canary}_module.py"}}},
+        {"code": {"file": f"{canary}_module.py", "name": "Canary", "digest": digest, "loaded": "yes", "made": ""}},
+        {"code": {"file": "/dev/zero", "name": "Canary", "digest": digest, "loaded": "yes", "made": ""}},
+        {**path, "made": {**path["made"], "fields": {"path": {"kind": "haptorb.worlds.path:GuidancePath", "fields": {
+            "places": {"array": "", "dtype": "<f8", "shape": [0, 3]}, "tangents": None, "spacing": 1e-12,
+            "closed": False}}}}},
+    ):  # fmt: skip
+        content = write(run, "worlds", json.dumps({named: json.dumps(made)}))
+        yield f"world {str(made)[:60]}", "replay FILE", "crafted.mcap", content
 
 
 def _craft_databases(inside: Path) -> Iterator[tuple[str, str, str, bytes]]:

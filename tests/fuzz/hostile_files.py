@@ -442,14 +442,14 @@ def _seal(good: bytes, chance: random.Random) -> bytes:
 def try_all_commands(mutants: int, seed: int, only: list[str] | None) -> int:
     """Mutants of each kind, and crafted files, through the commands in watched processes; how many ended otherwise."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
-    from fuzz.hostile_commands import COMMANDS, craft_files, make_ground, try_commands, try_files
+    from fuzz.hostile_commands import COMMANDS, FURTHER, craft_files, make_ground, try_commands, try_files
 
     wrong = 0
-    for kind in [*COMMANDS, None]:
-        name = "crafted" if kind is None else kind.name.lower()
+    for kind in [*COMMANDS, *FURTHER, None]:
+        name = "crafted" if kind is None else kind if isinstance(kind, str) else kind.name.lower()
         if mutants < 1 or (only and name not in only):
             continue
-        text = kind is None or kind.name not in ("RECORDING", "RESULTS", "STUDY_DATABASE")
+        text = name not in ("recording", "results", "study_database", "network", "picture")
         with tempfile.TemporaryDirectory() as place:
             if kind is None:
                 inside, outside = make_ground(Path(place, "ground"))
@@ -457,7 +457,7 @@ def try_all_commands(mutants: int, seed: int, only: list[str] | None) -> int:
             else:
                 ground = Path(place, "ground")
                 # Of results a page with cards and drawings of designs is made.
-                count = mutants // 10 if kind.name == "RESULTS" else mutants
+                count = mutants // 10 if name == "results" else mutants
                 found = try_commands(kind, count, seed, ground, partial(mutant, text=text))
         wrong += len(found.wrong)
         print(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import resource
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -26,9 +27,10 @@ from haptorb.replay.parallel import replay_in_parts
 from haptorb.replay.recorded_run import list_memory_fields
 from haptorb.replay.replay import Replay, check_replay_file
 from haptorb.runtime.tick_state import save_state
-from haptorb.worlds import Fluid, RollingBall
+from haptorb.worlds import Fluid, PathGuidance, RollingBall, World
 from haptorb.worlds.client_force import Remote
-from haptorb.worlds.user_world import WorldFile, note_start
+from haptorb.worlds.path import make_shape
+from haptorb.worlds.user_world import WorldFile, load_noted_world, note_start
 from oracles.made_recording import make_recording
 from oracles.recorded_chain import Deed, record_chain
 
@@ -128,6 +130,75 @@ def test_a_note_of_a_world_that_cannot_be_made_leaves_the_recorded_wrench(text: 
     found = replay.run()
     assert found.identical, found.first
     assert any("recorded wrench" in remark for remark in replay.remarks)
+
+
+def test_a_path_that_no_kernel_could_follow_leaves_the_recorded_wrench(tmp_path: Path) -> None:
+    """In a process with an end: compiled code that searches along it does not return, or reads beyond its arrays."""
+    recording = record_chain(tmp_path / "run.mcap", world=PathGuidance(path=make_shape("circle")), ticks=40)
+    note = json.loads(json.loads(recording.metadata["run"]["worlds"])["path_guidance"])
+    note["made"]["fields"]["path"]["fields"]["spacing"] = 1e-12
+    worlds = json.dumps({"path_guidance": json.dumps(note)})
+    other = rewrite(recording, tmp_path / "other.mcap", run={"worlds": worlds})
+
+    def run() -> bool:
+        replay = Replay(other)
+        return replay.run().identical and any("recorded wrench" in remark for remark in replay.remarks)
+
+    assert try_in_child(run, 20.0)
+
+
+def try_in_child(work: Callable[[], bool], seconds: float) -> bool:
+    """Whether `work` returns True in a forked process within `seconds` of the processor."""
+    pid = os.fork()
+    if pid == 0:
+        resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
+        code = 1
+        with suppress(BaseException):
+            code = 0 if work() else 1
+        os._exit(code)
+    return os.waitpid(pid, 0)[1] == 0
+
+
+@pytest.mark.parametrize("after", [1, 30])
+def test_a_recording_changes_its_world_no_more_often_than_it_says(after: int, tmp_path: Path) -> None:
+    """Each change takes as long as some ticks; a thousand may be those of notes that cannot be read."""
+
+    def change(rows: Array) -> None:
+        world = RowLayout.of(load("omni"))["world"].start
+        rows[after:, world] = 900.0 * np.arange(1, len(rows) - after + 1)
+
+    recording = record_chain(tmp_path / "run.mcap", ticks=40, change=change)
+    with pytest.raises(RecordingError, match="describes 1 changes"):
+        Replay(recording).run()
+
+
+def test_a_world_is_made_once_however_often_a_run_changes_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deeds: dict[int, Deed] = {n: lambda tick: tick.change_world(Fluid(viscosity=3.0)) for n in range(5, 25)}
+    recording = record_chain(tmp_path / "run.mcap", world=Fluid(viscosity=3.0), deeds=deeds, ticks=40)
+    made: list[str] = []
+
+    def load_world(text: str) -> World:
+        made.append(text)
+        return load_noted_world(text)
+
+    monkeypatch.setattr("haptorb.replay.recorded_run.load_noted_world", load_world)
+    assert Replay(recording).run().identical
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize(
+    "gains",
+    ['{"x": [1]}', '{"translate": 1}', '{"translate": [1, 2]}', '{"translate": [1, 2, "x"]}', '{"translate": "abc"}',
+     '{"translate": [1e999, 0, 0]}', '{"translate": [[1], 2, 3]}', f'{{"translate": [{"9" * 400}, 1, 1]}}',
+     '{"translate": {"a": 1}}', '{"translate": null}', '{"translate_torque": true}', '{"\\u001b[2J": [1, 2, 3]}'],
+)  # fmt: skip
+def test_gains_that_are_none_are_refused(gains: str, tmp_path: Path) -> None:
+    recording = record_chain(tmp_path / "run.mcap", "pmsm", ticks=5)
+    with pytest.raises(RecordingError, match="gains") as told:
+        Replay(rewrite(recording, tmp_path / "other.mcap", run={"gains": gains}))
+    assert str(told.value).isprintable()
 
 
 def test_a_world_of_a_file_runs_if_this_account_started_it_and_the_file_is_the_same(

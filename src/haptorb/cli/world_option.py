@@ -56,7 +56,7 @@ def choose_scene_option(
 
     from haptorb.worlds.base import parameters
     from haptorb.worlds.scene import parse_scene_file
-    from haptorb.worlds.user_world import try_world
+    from haptorb.worlds.user_world import note_start, try_world
 
     if scene is None:
         raise InputError("--body names the body of a scene: give --scene as well, such as --scene peg")
@@ -65,6 +65,7 @@ def choose_scene_option(
     file = parse_scene_file(scene, body or "", assets=assets)
     with announce_wait(f"Scene {file.path} has not finished loading"):
         loaded = file.load()
+    note_start(loaded)
     values = parse_settings(settings, parameters(type(loaded)))
     try_world(loaded.replace(**values), device)
     return replace(file, values=values)

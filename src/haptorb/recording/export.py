@@ -211,7 +211,8 @@ def describe_notes(recording: RecordingNotes) -> dict[str, str]:
 
 Progress = Callable[[float], None]  #: called with the completed fraction, 0 to 1
 
-_PIECE_ROWS = 20_000  #: rows per block
+_PIECE_ROWS = 20_000  #: rows per block, at most
+_PIECE_NUMBERS = 8_000_000  #: numbers per block, at most: 64 MB
 
 
 class RecordingReader(Protocol):
@@ -284,8 +285,9 @@ class Export:
     def pieces(self, report: Progress) -> Iterator[Array]:
         """Iterate over blocks of rows (n, k): the fields side by side, in their units [SI]."""
         names = [field.name for field in self.fields]
-        for first in range(self.ticks.start, self.ticks.stop, _PIECE_ROWS):
-            last = min(first + _PIECE_ROWS, self.ticks.stop)
+        rows = max(min(_PIECE_ROWS, _PIECE_NUMBERS // max(sum(field.width for field in self.fields), 1)), 1)
+        for first in range(self.ticks.start, self.ticks.stop, rows):
+            last = min(first + rows, self.ticks.stop)
             yield self.recording.read(first, last, names)
             report((last - self.ticks.start) / len(self.ticks))
 

@@ -831,7 +831,11 @@ def _read_summary(view: mmap.mmap) -> _Records | None:
         return None
     chunks = np.concatenate(listed)
     chunks = chunks[np.argsort(chunks[:, 0], kind="stable")]
-    if (chunks[:, 0] + chunks[:, 1] > start).any() or (chunks[:, 1] < _HEAD.size).any():
+    places.sort(key=lambda one: one.offset)
+    # An index may list a record once: the contents then make no more memory than the file allows.
+    if not _are_apart([(int(first), int(length)) for first, length in chunks[:, :2].tolist()], start):
+        return None
+    if not _are_apart([(one.offset, one.length) for one in places], start):
         return None
     if counted is not None:
         found.messages = dict(counted.channel_message_counts)
@@ -845,7 +849,7 @@ def _read_summary(view: mmap.mmap) -> _Records | None:
     found.chunks.lengths = (chunks[:, 1] - _HEAD.size).tolist()
     found.chunks.sizes = chunks[:, 2].tolist()
     found.chunks.packed = [True] * len(chunks)
-    for place in sorted(places, key=lambda one: one.offset):
+    for place in places:
         try:
             note = _parse_exactly(Opcode.METADATA, view[place.offset + _HEAD.size : place.offset + place.length])
             assert isinstance(note, Metadata)
@@ -856,6 +860,16 @@ def _read_summary(view: mmap.mmap) -> _Records | None:
             found.lost_notes.append(place.name)
     found.sound = True
     return found
+
+
+def _are_apart(records: Sequence[tuple[int, int]], end: int) -> bool:
+    """Whether `records`, each its first byte and its length with head, in order, overlap nowhere and stop at `end`."""
+    at = len(MAGIC)
+    for first, length in records:
+        if first < at or length < _HEAD.size or first + length > end:  # safety: listed-once
+            return False
+        at = first + length
+    return True
 
 
 def _read_listed_chunks(view: mmap.mmap, at: int, end: int) -> tuple[NDArray[np.uint64], int]:

@@ -60,23 +60,42 @@ def split_memory(numbers: Array, changes: Array, worlds: Sequence[Mapping[str, s
     for a metadata record that haptorb did not write.
     """
     found: dict[str, Array] = {}
+    room = numbers.shape[1]
+    memory_columns(worlds, room)  # raises for too many numbers
     for change, name, fields in _list_fields(worlds):
         rows = changes == change
-        for key, shape, place in _place_fields(name, fields, numbers.shape[1]):
-            values = found.setdefault(key, np.full((len(numbers), *shape), np.nan))
+        for key, shape, place in _place_fields(name, fields, room):
+            if key not in found:
+                found[key] = np.full((len(numbers), *shape), np.nan)
+            values = found[key]
             if values.shape[1:] == shape:  # a new version of a world's file may have another shape
                 values[rows] = numbers[rows, place].reshape(-1, *shape)
     return found
 
 
 def memory_columns(worlds: Sequence[Mapping[str, str]], room: int) -> tuple[Field, ...]:
-    """The Field [SI] of each array that `split_memory` returns for rows with `room` numbers of memory."""
+    """The Field [SI] of each array that `split_memory` returns for rows with `room` numbers of memory.
+
+    Raises RecordingError for more numbers than worlds with such rows can have: each world has its own columns.
+    """
     units: dict[str, str] = memory_units(worlds)
     found: dict[str, Field] = {}
+    left = max(_MEMORIES * room, _MIN_MEMORY_COLUMNS)
     for _, name, fields in _list_fields(worlds):
         for key, shape, _ in _place_fields(name, fields, room):
-            found.setdefault(key, Field(key, prod(shape), units[key], "remembered by the world"))
+            if key not in found:
+                found[key] = Field(key, prod(shape), units[key], "remembered by the world")
+                left -= prod(shape)
+                if left < 0:  # safety: memory-columns
+                    raise RecordingError(
+                        f"the worlds of the recording have more memory than {_MEMORIES} times the {room} numbers of a "
+                        "row: haptorb did not write it"
+                    )
     return tuple(found.values())
+
+
+_MEMORIES = 8  #: worlds whose memory fills a row
+_MIN_MEMORY_COLUMNS = 8192  #: however short the rows are
 
 
 def _place_fields(

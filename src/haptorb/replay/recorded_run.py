@@ -72,6 +72,7 @@ class RecordedRun:
         self._descriptions = self._read_descriptions(recording)
         self._made = read_object(self._run, "worlds")
         self._worlds: dict[int, World] = {}
+        self._known: dict[str, World | InputError] = {}  # by name, as in `_made`: made once, or impossible
         self.code: dict[str, str] = {}  #: world → file and name of the user's code that is run for it
 
     @property
@@ -140,7 +141,7 @@ class RecordedRun:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as cause:
             raise InputError("the recording does not state the world") from cause
         if name in self._made:
-            world = load_noted_world(str(self._made[name]))
+            world = self._load_noted_world(name)
             if found := find_world_file(world):
                 self.code[name] = f"{found[0]} ({found[1]})"
         elif name in worlds.CATALOGUE:
@@ -152,6 +153,18 @@ class RecordedRun:
         if json.loads(description(world)) != note:
             raise InputError("this version of haptorb describes it differently")
         return world
+
+    def _load_noted_world(self, name: str) -> World:
+        """World of the note `name`, made once however often the run changed to it."""
+        if name not in self._known:
+            try:
+                self._known[name] = load_noted_world(str(self._made[name]))
+            except InputError as cause:
+                self._known[name] = cause
+        known = self._known[name]
+        if isinstance(known, InputError):
+            raise known
+        return known
 
     def _read_descriptions(self, recording: Recording) -> dict[int, str]:
         found = {}
@@ -209,6 +222,7 @@ class RecordedTick:
     """Recorded outputs of the world in the tick being replayed, from a block of ticks.
 
     room   values of a world's memory in one recorded row
+    whole  whether the outputs of the block are loaded, or only failures
     """
 
     def __init__(self, room: int) -> None:
@@ -218,13 +232,14 @@ class RecordedTick:
         self._failures: list[int] = []
         self._client: dict[str, slice | int] = {}
         self._at = 0
-        self.room = room
+        self.room, self.whole = room, False
 
     def load(self, block: Mapping[str, Array], *, whole: bool) -> None:
         """Load the next ticks: field → (n, width), each in its unit [SI]; only failures unless `whole` is set."""
         n = len(block["t"])
-        self._failures = np.nan_to_num(block["failures"][:, 0]).astype(int).tolist()
-        self._at = 0
+        failures = np.nan_to_num(block["failures"][:, 0], posinf=0.0, neginf=0.0)
+        self._failures = np.clip(failures, 0.0, _MAX_FAILURE_CODE).astype(int).tolist()
+        self._at, self.whole = 0, whole
         if not whole:
             return
         nothing = np.full((n, 6), np.nan)
@@ -329,7 +344,7 @@ def make_recorded_world(description: str, tick: RecordedTick) -> World:
     note = _parse(description)
     name, fields = str(note.get("name", "recorded")), _memory_fields(note)
     kind = _dynamic_kind(name) if fields else _still_kind(name)
-    asks = check_part(note["asks"]) if note.get("asks") else None
+    asks = check_part(str(note["asks"])) if note.get("asks") else None
     remote = _find_remote(note) if tick.has_room(fields) else None
     world: World = kind(tick, fields, note.get("stores_energy"), remote) if fields else kind(tick)
     object.__setattr__(world, "passive", note.get("passive", True) is not False)

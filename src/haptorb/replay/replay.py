@@ -473,7 +473,7 @@ def write_replay(
 
 
 _BLOCK = 1024  #: ticks
-_CHANGES = 1000  #: limit of changes of the world between two ticks
+_CHANGES = 1000  #: limit of changes of the world without a description, in all: of notes that cannot be read
 _REPLACE = int(TickCommand.REPLACE)
 
 
@@ -549,6 +549,7 @@ class Replay:
         room = next((field.width for field in recording.fields if field.name == "memory"), 0)
         self._recorded_tick = RecordedTick(room)
         self._change, self._resampled = 0, rate is not None
+        self._changes_left = len(recording.worlds) + _CHANGES
         self._state: Mapping[str, StateArray] | None = None
         self._begin_late()
         self._has_clients = False
@@ -689,7 +690,7 @@ class Replay:
     def _run_block(self, block: Mapping[str, Array], t: Array, commands: Array, index: NDArray[np.intp]) -> Array:
         driver, tick, recorded = self._driver, self.tick, self._recorded_tick
         driver.load(block, t)
-        recorded.load(block, whole=bool(self._stand_ins) or self._only_recorded or self._has_clients)
+        recorded.load(block, whole=self._needs_outputs)
         out = np.full((len(t), self._layout.width), np.nan)
         changes, scales = block["world"][:, 0].tolist(), block["torque_scale"][:, 0].tolist()
         step = tick.step
@@ -704,7 +705,8 @@ class Replay:
                 play_commands(tick, int(command), scales[n])
             if change != self._change:
                 self._change_world(change, int(command))
-                recorded.load(block, whole=bool(self._stand_ins) or self._only_recorded or self._has_clients)
+                if self._needs_outputs and not recorded.whole:
+                    recorded.load(block, whole=True)
             driver.select(n)
             recorded.select(n)
             if self._has_clients:
@@ -712,15 +714,21 @@ class Replay:
             step(row, now)
         return out
 
+    @property
+    def _needs_outputs(self) -> bool:
+        """Whether the recorded outputs of worlds are read, not only their failures."""
+        return bool(self._stand_ins) or self._only_recorded or self._has_clients
+
     def _change_world(self, change: float, command: int) -> None:
         """Change the world up to number `change`; `command` states whether the last one was a new version."""
         if not change > self._change:  # NaN: unknown
             return
-        if not change - self._change <= _CHANGES:  # safety: changes-are-counted
+        if not change - self._change <= self._changes_left:  # safety: changes-are-counted
             raise RecordingError(
-                f"{self._recording.path} cannot be replayed: its world changes {change - self._change:g} times from "
-                "one tick to the next"
+                f"{self._recording.path} cannot be replayed: its world changes to number {change:g}, but it describes "
+                f"{len(self._recording.worlds)} changes"
             )
+        self._changes_left -= int(change) - self._change
         for number in range(self._change + 1, int(change) + 1):
             world = self._choose_world(number)
             last = number == int(change)

@@ -20,7 +20,7 @@ from haptorb.control.registry import make_choice
 from haptorb.devices.api import electromagnet
 from haptorb.devices.base import Device, State
 from haptorb.devices.loader import find_device
-from haptorb.errors import InputError, UnknownName
+from haptorb.errors import InputError, RecordingError, UnknownName, quote
 from haptorb.estimation.calibration_file import Calibration, read_calibration, read_frame
 from haptorb.estimation.registry import check_estimator, read_learned
 from haptorb.estimation.tracker_frame import TrackerFrame
@@ -36,6 +36,7 @@ from haptorb.worlds.base import World, WrenchPart, check_part
 from haptorb.worlds.dynamic import check_world_period
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.user_world import (
+    MAX_NOTE_CHARACTERS,
     FileWithRemote,
     WorldFile,
     fit_world,
@@ -48,7 +49,6 @@ from haptorb.worlds.user_world import (
 __all__ = ["HAND_STARTS", "RunConfig", "check_seed", "choose_world", "find_number", "read_object"]
 
 HAND_STARTS = ("run", "program")  #: when the motion of a scripted hand begins
-_MAX_WORLD_NOTE_CHARACTERS = 1_000_000
 
 
 @final
@@ -260,8 +260,10 @@ class RunConfig:
         ------
         CalibrationError
             If the recorded calibration cannot be read.
+        RecordingError
+            If haptorb did not write the gains.
         """
-        gains, text, part = read_object(run, "gains"), run.get("calibration", ""), run.get("render") or None
+        text, part = run.get("calibration", ""), run.get("render") or None
         try:
             learned = b64decode(run.get("learned", ""), validate=True)
         except ValueError:
@@ -273,7 +275,7 @@ class RunConfig:
             rate=find_number(run, "rate_hz") or 1000.0,
             model=run.get("model") or None,
             estimator=run.get("estimator") or None,
-            gains=Gains(**{name: tuple(value) for name, value in gains.items()}) if gains else None,
+            gains=_read_gains(run, source),
             calibration=Calibration.parse(text, f"the calibration in {source}") if text else None,
             render=None if part is None else check_part(part),
             torque_arm=find_number(run, "torque_arm_m"),
@@ -318,7 +320,7 @@ class RunConfig:
             "first_world": description(self.world),
             "gains": "" if self.gains is None else json.dumps(asdict(self.gains)),
             "torque_arm_m": "" if self.torque_arm is None else repr(self.torque_arm),
-            "worlds": json.dumps({one: text for one, text in made.items() if len(text) <= _MAX_WORLD_NOTE_CHARACTERS}),
+            "worlds": json.dumps({one: text for one, text in made.items() if len(text) <= MAX_NOTE_CHARACTERS}),
         }
         if learned := self.learned or read_learned(device, name):
             run["learned"] = b64encode(learned).decode()
@@ -370,6 +372,20 @@ def read_object(run: Mapping[str, str], key: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         found = {}
     return found if isinstance(found, dict) else {}
+
+
+def _read_gains(run: Mapping[str, str], source: str) -> Gains | None:
+    """Parse the gains of `run`; None if it has none. Raises RecordingError for what are no gains."""
+    gains = read_object(run, "gains")
+    if not gains:
+        return None
+    try:
+        given: dict[str, Any] = {name: None if value is None else tuple(value) for name, value in gains.items()}
+        return Gains(**given)
+    except (TypeError, ValueError) as cause:  # another program may have written it
+        raise RecordingError(
+            f"{source} cannot be replayed: its gains are {quote(gains)} ({quote(str(cause), 200)[1:-1]})"
+        ) from cause
 
 
 def find_number(run: Mapping[str, str], key: str) -> float | None:

@@ -9,6 +9,8 @@ from contextlib import suppress
 from io import TextIOBase
 from typing import IO, final
 
+from haptorb.files import visible
+
 __all__ = ["OutputReader", "WorldOutput", "show"]
 
 
@@ -65,9 +67,9 @@ class OutputReader:
 
 
 def show(text: str) -> None:
-    """Write `text` to standard error; discard it if there is none, if it was closed, or if its terminal has
-    disappeared."""
+    """Write `text` to standard error, control characters visible: parts of it may come from a file, such as the name of
+    a body in MuJoCo's message. Discard it if there is none, if it was closed, or if its terminal has disappeared."""
     if sys.stderr is not None:
         with suppress(OSError, ValueError):  # ValueError: a file object that was closed
-            sys.stderr.write(text)
+            sys.stderr.write(visible(text.replace("\r\n", "\n")))
             sys.stderr.flush()

@@ -43,6 +43,9 @@ def loop_path(tilt_deg: float = 30.0, wave_deg: float = 10.0, waves: int = 3, ra
     return radius * np.column_stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
 
 
+_MAX_POINTS = 10_000  #: of a path: every tick visits them all
+
+
 @dataclass(frozen=True)
 class Guidance(World):
     """Attraction to the nearest point of a path (n, 3) [m], free along it: the gradient of a valley around the path.
@@ -61,8 +64,8 @@ class Guidance(World):
     def __post_init__(self) -> None:
         World.__post_init__(self)
         path = check_finite(self.path, "Guidance.path") if self.path else loop_path()
-        if path.ndim != 2 or path.shape[1] != 3 or len(path) < 2:
-            raise InputError(f"Guidance.path must be at least two points, shape (n, 3); got shape {path.shape}")
+        if path.ndim != 2 or path.shape[1] != 3 or not 2 <= len(path) <= _MAX_POINTS:
+            raise InputError(f"Guidance.path must be 2 to {_MAX_POINTS} points, shape (n, 3); got shape {path.shape}")
         object.__setattr__(self, "_path", np.ascontiguousarray(path))
 
     @property

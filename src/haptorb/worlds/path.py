@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb.arrays import Array, vectors
+from haptorb.arrays import Array, check_finite, vectors
 from haptorb.devices.base import Device
 from haptorb.errors import InputError, UnknownName, quote
 from haptorb.file_kind import FileKind
@@ -100,6 +100,10 @@ _MIN_LENGTH_M = 5e-3  #: minimum length for guidance [m]
 _MAX_LENGTH_M = 2.0  #: [m]
 _MAX_POINTS = 10_000  #: maximum number of given points
 _MIN_POINT_DISTANCE_M = 1e-6  #: minimum distance of distinct points [m]
+_MIN_CENTRE_DISTANCE_M = 1e-3  #: from the dome's centre, where directions are not defined [m]
+_SPACINGS_M = (0.1e-3, 0.5e-3)  #: of the stored points: a search along the path visits those within 3 mm
+_UNIT_TOLERANCE = 1e-6  #: of the length of a tangent
+_SPACING_TOLERANCE = 1e-6  #: relative, by which a chord may be longer than the arc
 
 
 @final
@@ -131,6 +135,33 @@ class GuidancePath:
     tangents: Array
     spacing: float
     closed: bool
+
+    def __post_init__(self) -> None:
+        """Check everything: compiled code reads these arrays in every tick, and checks no index."""
+        places, tangents = vectors(self.places, "places of a path"), vectors(self.tangents, "tangents of a path")
+        spacing = check_finite(self.spacing, "spacing of a path")
+        if places.ndim != 2 or len(places) < 2 or tangents.shape != places.shape:  # safety: path-shapes
+            raise InputError(
+                f"places and tangents of a path must have the same shape (n, 3); got {places.shape}, {tangents.shape}"
+            )
+        if spacing.ndim or not _SPACINGS_M[0] <= spacing <= _SPACINGS_M[1]:  # safety: path-spacing
+            raise InputError(f"the spacing of a path must be 0.1 to 0.5 mm; got {quote(self.spacing)} m")
+        if not isinstance(self.closed, bool):
+            raise InputError(f"whether a path is closed must be True or False; got {quote(self.closed)}")
+        if spacing * (len(places) - 1) > _MAX_LENGTH_M * (1.0 + _SPACING_TOLERANCE):
+            raise InputError(f"a path must be 5 mm to 2 m long; this one has {len(places)} points")
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        if steps.max() > spacing * (1.0 + _SPACING_TOLERANCE):
+            raise InputError(f"two points of a path are {1e3 * steps.max():.4g} mm apart; its spacing is smaller")
+        if np.linalg.norm(places, axis=1).min() < _MIN_CENTRE_DISTANCE_M / 2:
+            raise InputError("the path goes through the dome's centre")
+        if abs(np.linalg.norm(tangents, axis=1) - 1.0).max() > _UNIT_TOLERANCE:
+            raise InputError("the tangents of a path must be unit vectors")
+        if self.closed and np.linalg.norm(places[0] - places[-1]) > _MIN_POINT_DISTANCE_M:
+            raise InputError("a closed path must end where it begins")
+        for name, value in (("places", places), ("tangents", tangents)):
+            object.__setattr__(self, name, np.ascontiguousarray(value))
+        object.__setattr__(self, "spacing", float(spacing))
 
     @property
     def length(self) -> float:
@@ -195,7 +226,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     if closed and len(corners) < 4:
         raise InputError("a closed path needs at least three points")
     distances = np.linalg.norm(corners, axis=1)
-    if distances.min() < 1e-3:
+    if distances.min() < _MIN_CENTRE_DISTANCE_M:
         raise InputError(
             f"point {int(distances.argmin()) + 1} of the path lies in the dome's centre: points are in metres"
         )
@@ -219,7 +250,7 @@ def make_path(points: ArrayLike, *, closed: bool | None = None, smooth: bool = T
     else:
         along[0], along[-1] = places[1] - places[0], places[-1] - places[-2]
     tangents = along / np.linalg.norm(along, axis=1, keepdims=True)
-    return GuidancePath(np.ascontiguousarray(places), np.ascontiguousarray(tangents), spacing, closed)
+    return GuidancePath(places, tangents, spacing, closed)
 
 
 def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Array:
@@ -231,7 +262,7 @@ def _interpolate(corners: Array, gone: Array, closed: bool, smooth: bool) -> Arr
 
         straight = CubicSpline(gone, corners, bc_type="periodic" if closed else "natural")(at)
     lengths = np.linalg.norm(straight, axis=1, keepdims=True)
-    if lengths.min() < 1e-3:
+    if lengths.min() < _MIN_CENTRE_DISTANCE_M:
         raise InputError("the path goes through the dome's centre; give points on its way around")
     wanted = np.interp(at, gone, np.linalg.norm(corners, axis=1))
     places: Array = straight * (wanted[:, None] / lengths)

@@ -72,6 +72,8 @@ def follow_arc(p: Array, places: Array, spacing: float, closed: bool, arc: float
     """Arc length [m] of the nearest point within `reach` [m] of `arc` [m] along the path, so that progress does not
     jump to another section nearby."""
     count = places.shape[0] - 1
+    if not 0.0 <= arc <= count * spacing:  # of a recorded memory: any number
+        arc = 0.0
     middle, window = round(arc / spacing), max(round(reach / spacing), 1)
     best, nearest = 0, np.inf
     for n in range(middle - window, middle + window + 1):
@@ -92,6 +94,8 @@ def fill_frame(places: Array, tangents: Array, spacing: float, arc: float, frame
     """frame (4, 3): the point at `arc` [m], with the tangential, sideways and outward directions there."""
     last = places.shape[0] - 1
     at = min(max(arc / spacing, 0.0), float(last))
+    if not at >= 0.0:  # NaN, of a pose or a memory that is not finite: no index
+        at = 0.0
     k = min(int(at), last - 1)
     share = at - k
     length, radius, along = 0.0, 0.0, 0.0

@@ -44,6 +44,7 @@ __all__ = [
     "fill_tank",
     "find_scene_file",
     "fit_to_pace",
+    "is_shipped_scene",
     "list_kinds",
     "load_engine",
     "make_scene_model",
@@ -192,6 +193,15 @@ def find_scene_file(text: str, folder: Path | None = None) -> Path:
     if not named:
         raise UnknownName("scene", text, (*SHIPPED, "FILE.xml"))
     return Path(os.path.abspath((folder or Path()) / Path(text).expanduser()))
+
+
+def is_shipped_scene(path: Path) -> bool:
+    """Whether `path` is the file of a supplied scene.
+
+    >>> is_shipped_scene(find_scene_file("peg")), is_shipped_scene(Path("peg.xml"))
+    (True, False)
+    """
+    return path.parent == _FOLDER and path.suffix == ".xml" and path.stem in SHIPPED
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,9 @@ def _height(heights: Array, u: float, v: float, out: Array) -> None:
     """out (3,): height and its slopes by u and v, u and v in 0…1 over the array; Catmull–Rom, constant beyond the
     edge."""
     rows, columns = heights.shape
+    if not np.isfinite(u + v):  # no index
+        out[0] = out[1] = out[2] = np.nan
+        return
     x = min(max(u, 0.0), 1.0) * (columns - 1)
     y = min(max(v, 0.0), 1.0) * (rows - 1)
     i, j = min(int(x), columns - 2), min(int(y), rows - 2)
@@ -108,8 +111,11 @@ class Terrain(World):
     def __post_init__(self) -> None:
         World.__post_init__(self)
         heights = _check_heights(self.heights)
-        if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or len(heights) < 4:
-            raise InputError(f"Terrain.heights must be square, shape (n, n) with n of at least 4; got {heights.shape}")
+        if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or not 4 <= len(heights) <= _PIXELS:
+            raise InputError(
+                f"Terrain.heights must be square, shape (n, n) with n of at least 4, at most {_PIXELS}; got "
+                f"{heights.shape}"
+            )
         if np.abs(heights).max() > 1 + 1e-9:
             raise InputError(
                 f"Terrain.heights must lie within −1…1 (the strength scales them); got up to {np.abs(heights).max():g}"

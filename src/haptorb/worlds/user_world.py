@@ -9,12 +9,13 @@ import linecache
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from importlib import import_module
+from functools import cache
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
+from itertools import count
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, final
@@ -27,13 +28,17 @@ from haptorb.errors import HaptorbError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import open_regular, read_bytes, read_text, state_folder
 from haptorb.own_code import find_imports
-from haptorb.worlds.base import World
+from haptorb.worlds.base import Sum, World
 from haptorb.worlds.client_force import Remote, join_remote
-from haptorb.worlds.dynamic import MemoryNotFinite, bind_world
-from haptorb.worlds.scene import SceneFile
-from haptorb.worlds.scene_physics import SceneModel, make_scene_model
+from haptorb.worlds.dome import Compass, Dome
+from haptorb.worlds.dynamic import DynamicSum, MemoryNotFinite, bind_world
+from haptorb.worlds.path import GuidancePath
+from haptorb.worlds.scene import Scene, SceneFile
+from haptorb.worlds.scene_physics import SceneModel, is_shipped_scene, make_scene_model
+from haptorb.worlds.terrain import Terrain
 
 __all__ = [
+    "MAX_NOTE_CHARACTERS",
     "FileWithRemote",
     "FunctionWorld",
     "WorldFile",
@@ -402,9 +407,10 @@ class FileWithRemote:
 # World files that this account has started by name: a list of digests in its state folder.
 #
 # A recording names the file that its world came from, and that file's digest; but the author of the recording controls
-# both. So a recording alone never executes code. Its file is executed again only if this account has started exactly
-# that code from that path: the file, the world in it, and every module that it imports from its folder, in their
-# present state. These texts are read once; the compared text is the executed one (`WorldFile.load`).
+# both. So a recording alone never executes code, and no file is opened because a recording names it. Its file is read
+# only if this account has started a world from that path, and executed again only if it has started exactly that code:
+# the file, the world in it, and every module that it imports from its folder, in their present state. These texts are
+# read once; the compared text is the executed one (`WorldFile.load`). A scene's file is in the same list.
 
 
 _MAX_LIST_BYTES = 4 << 20  #: bytes of the list
@@ -416,16 +422,20 @@ def list_path() -> Path:
 
 
 def note_start(world: World) -> None:
-    """Add `world` to the list of started worlds if it came from a world file.
+    """Add `world` to the list of started worlds if it came from a world file, or is the scene of a file.
 
     Where the list cannot be written, recordings of the world show its recorded wrench.
     """
     found = find_world_file(world)
-    if found is None:
-        return
-    path, name = found
+    scene = world.model.file if isinstance(world, Scene) else None
     with suppress(OSError, HaptorbError):
-        digest = _started_code_digest(path, name, _read_code(path))
+        if found is not None:
+            path, name = found
+            digest = _started_code_digest(path, name, _read_code(path))
+        elif scene is not None and not is_shipped_scene(scene):
+            path, digest = scene, _started_scene_digest(scene, _world_note_digest(scene))
+        else:
+            return
         known = list_path()
         if digest in _read_list(known):
             return
@@ -439,18 +449,26 @@ def note_start(world: World) -> None:
             os.close(descriptor)
 
 
-def find_started(path: Path, name: str) -> dict[Path, str]:
-    """Return the texts of the file `path` and of its imports from its folder, if this account has started the world
-    `name` with exactly these by name.
+def find_started(path: Path, name: str, digest: str) -> dict[Path, str]:
+    """Return the texts of the file `path`, which had that `digest`, and of its imports from its folder, if this account
+    has started the world `name` with exactly these by name.
 
-    Raises InputError, with the reason, if it has not.
+    Raises InputError, with the reason, if it has not; a file from which it has started none is not opened.
     """
+    known = _read_list(list_path())
+    refusal = InputError(
+        f"its code in {path}, with its imports from that folder, is not on this account's list of started worlds; "
+        "code is not executed because a recording names it"
+    )
+    if str(path) not in known.values():  # safety: recordings-open-no-file
+        raise refusal
+    if not path.is_file():
+        raise InputError(f"its code was in {path}, which is missing")
+    if _world_note_digest(path) != digest:
+        raise InputError(f"its code in {path} has changed")
     code = _read_code(path)
-    if _started_code_digest(path, name, code) not in _read_list(list_path()):  # safety: recordings-run-no-code
-        raise InputError(
-            f"its code in {path}, with its imports from that folder, is not on this account's list of started worlds; "
-            "code is not executed because a recording names it"
-        )
+    if _started_code_digest(path, name, code) not in known:  # safety: recordings-run-no-code
+        raise refusal
     return code
 
 
@@ -465,15 +483,24 @@ def _started_code_digest(path: Path, name: str, code: Mapping[Path, str]) -> str
     return hashlib.sha256(json.dumps([str(path), name, texts], sort_keys=True).encode()).hexdigest()
 
 
-def _read_list(path: Path) -> frozenset[str]:
-    """Digests in the list; none if another account could have written it."""
+def _started_scene_digest(path: Path, digest: str) -> str:
+    """Digest of the path of a scene's file, and of the `digest` of its content."""
+    return hashlib.sha256(json.dumps([str(path), "scene", digest]).encode()).hexdigest()
+
+
+def _read_list(path: Path) -> dict[str, str]:
+    """Digest → path of each entry of the list; none if another account could have written it."""
     try:
         with open_regular(path, "list of started worlds", InputError) as file:
             own = _is_own(os.fstat(file.fileno()))  # safety: own-list-only
             lines = file.read(_MAX_LIST_BYTES).splitlines() if own else []
     except InputError:
-        return frozenset()
-    return frozenset(line[:64].decode("ascii", "replace") for line in lines)
+        return {}
+    found = {}
+    for line in lines:
+        with suppress(ValueError):  # a line that was cut off
+            found[line[:64].decode("ascii", "replace")] = str(json.loads(line[65:]))
+    return found
 
 
 def _is_own(facts: os.stat_result) -> bool:
@@ -485,10 +512,13 @@ def _is_own(facts: os.stat_result) -> bool:
 # World as text, so that a recording can be replayed: package worlds by name and parameters, user code by digest.
 #
 # Such a text is never executed, and neither is code that it names: a file of user code is executed again only if this
-# account has started exactly that code by name (`started_code`). Classes of haptorb are created again with their
-# values; a scene's file is loaded only if it is byte for byte the recorded one.
+# account has started exactly that code by name (`find_started`). Worlds of the catalogue, sums, scenes and paths are
+# created again with their values, nothing else (`_check_field`): these reach compiled code, which does not check its
+# arrays. A scene's file is loaded only if it is supplied, or this account has started it, and it is unchanged.
 
 
+MAX_NOTE_CHARACTERS = 1_000_000  #: of the text of a world
+_MAX_OBJECTS = 200  #: worlds and paths in it, those in sums included
 _ROOM = "haptorb.worlds."
 #: module of a world in older recordings, or that and its name → present module
 _EARLIER_MODULES = {
@@ -556,6 +586,7 @@ _EARLIER_MODULES = {
     "haptorb.worlds.wrench_part": "haptorb.worlds.base",
 }
 _DEEPEST = 12
+_MAX_NOTED_NUMBER = 1e6  #: magnitude of a number that is not a parameter: lengths in m, moments in A·m²
 _MAX_FILE_BYTES = 16 << 20  #: of a world's or scene's own file
 #: types of arrays in a text
 _TYPES = frozenset({"<f8", "<f4", "<i8", "<i4", "<i2", "<u8", "<u4", "<u2", "|i1", "|u1", "|b1"})
@@ -583,13 +614,15 @@ def load_noted_world(text: str) -> World:
     """Deserialise a world from the text of `note_world`.
 
     Raises InputError, with the reason, if this version of haptorb cannot create it, or if the code or scene is
-    missing or has changed.
+    missing, has changed, or was not started by this account.
     """
     try:
+        if len(text) > MAX_NOTE_CHARACTERS:
+            raise InputError(f"its description is longer than {MAX_NOTE_CHARACTERS} characters")
         note = json.loads(text)
         if "code" in note:
             return _load_code(note["code"])
-        world = _decode(note["made"], 0)
+        world = _decode(note["made"], 0, count())
     except HaptorbError:
         raise
     except Exception as cause:  # another program may have written it
@@ -630,31 +663,90 @@ def _is_default(one: Field[Any], value: Any) -> bool:
     return isinstance(usual, np.ndarray) and usual.dtype == value.dtype and np.array_equal(usual, value)
 
 
-def _decode(value: Any, depth: int) -> Any:
+def _decode(value: Any, depth: int, objects: Iterator[int]) -> Any:
+    """Value of a note; `objects` counts the worlds and paths in it."""
     if depth > _DEEPEST:
         raise InputError("it is nested too deeply")
     if not isinstance(value, dict):
         return value
     if "tuple" in value:
-        return tuple(_decode(one, depth + 1) for one in value["tuple"])
+        return tuple(_decode(one, depth + 1, objects) for one in value["tuple"])
     if "array" in value:
         if value["dtype"] not in _TYPES:  # safety: noted-arrays-are-numbers
             raise InputError(f"an array of {quote(value['dtype'])} is not numeric")
         shape = tuple(map(int, value["shape"]))
         return np.frombuffer(base64.b64decode(value["array"]), np.dtype(value["dtype"])).reshape(shape).copy()
     if "scene" in value:
-        path = Path(value["scene"])
-        if _world_note_digest(path) != value["digest"]:
-            raise InputError(f"the scene {path} has changed, or is missing")
-        return make_scene_model(path)
+        return _load_scene(str(value["scene"]), str(value["digest"]))
     module, _, name = str(value["kind"]).partition(":")
     module = _EARLIER_MODULES.get(f"{module}:{name}", _EARLIER_MODULES.get(module, module))
     if not module.startswith(_ROOM):
         raise InputError(f"{quote(value['kind'])} is not a world of haptorb")
-    kind = getattr(import_module(module), name, None)
-    if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
+    kind = _list_noted_kinds().get(f"{module}:{name}")
+    if kind is None:
         raise InputError(f"{quote(value['kind'])} is not a world of this version of haptorb")
-    return kind(**{key: _decode(one, depth + 1) for key, one in value["fields"].items()})
+    if next(objects) >= _MAX_OBJECTS:
+        raise InputError(f"it consists of more than {_MAX_OBJECTS} worlds")
+    given = {key: _decode(one, depth + 1, objects) for key, one in value["fields"].items()}
+    known = {one.name: one for one in fields(kind) if one.init}
+    for key, one in given.items():
+        if key in known:  # else the constructor raises TypeError
+            _check_field(known[key], one)
+    return kind(**given)
+
+
+@cache
+def _list_noted_kinds() -> dict[str, type[Any]]:
+    """Classes whose values a note may state: "module:name" → class."""
+    from haptorb.worlds import CATALOGUE
+
+    kinds: set[type[Any]] = {*CATALOGUE.values(), Sum, DynamicSum, Scene, GuidancePath}
+    return {f"{kind.__module__}:{kind.__qualname__}": kind for kind in kinds}
+
+
+_MAX_NAME_CHARACTERS = 200
+#: annotation of a field that is not a parameter → its types in a note
+_NOTED_TYPES: dict[str, tuple[type[Any], ...]] = {
+    "float": (int, float), "int": (int,), "bool": (bool,), "str": (str,), "Model": (str,), "Array": (np.ndarray,),
+    "Literal['corrected', 'printed']": (str,), "Dome": (Dome,), "Compass": (Compass,), "Terrain": (Terrain,),
+    "Any": (SceneModel,), "Device | None": (type(None),),
+    "GuidancePath | tuple[tuple[float, ...], ...] | None": (GuidancePath, tuple, type(None)),
+    "tuple[tuple[float, ...], ...]": (tuple,), "tuple[World, ...]": (tuple,),
+}  # fmt: skip
+
+
+def _check_field(known: Field[Any], value: Any) -> None:
+    """Raise InputError unless `value` is one for the field `known` of a class in a note.
+
+    Parameters are checked by every constructor, and so are arrays and tuples of numbers by their classes.
+    """
+    if "about" in known.metadata:
+        return
+    types = _NOTED_TYPES.get(str(known.type), ())
+    fits = isinstance(value, types) and (bool in types or not isinstance(value, bool))
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        fits = fits and abs(value) < _MAX_NOTED_NUMBER  # false for NaN
+    if isinstance(value, str):
+        fits = fits and len(value) <= _MAX_NAME_CHARACTERS
+    if known.type == "tuple[World, ...]" and isinstance(value, tuple):
+        fits = fits and all(isinstance(one, World) for one in value)
+    if not fits:  # safety: noted-fields
+        raise InputError(f"its {known.name} cannot be {quote(value)}")
+
+
+def _load_scene(name: str, digest: str) -> SceneModel:
+    """Scene of the file `name` if it is a supplied one, or this account has started it, and has that `digest`."""
+    path = Path(name)
+    shipped = is_shipped_scene(path)
+    known = {} if shipped else _read_list(list_path())
+    if not shipped and name not in known.values():  # safety: recordings-open-no-scene
+        raise InputError(
+            f"its scene {path} is not on this account's list of started scenes; a file is not read because a "
+            "recording names it"
+        )
+    if _world_note_digest(path) != digest or not (shipped or _started_scene_digest(path, digest) in known):
+        raise InputError(f"the scene {path} has changed, or is missing")
+    return make_scene_model(path)
 
 
 def _world_note_digest(path: Path) -> str:
@@ -684,10 +776,6 @@ def _load_code(code: Mapping[str, Any]) -> World:
         raise InputError(f"its code was not in a file: {quote(code['made'])}")
     if not code["loaded"]:
         raise InputError(f"its code is in the program {path}, which is not executed; use --world FILE.py:NAME")
-    if not path.is_file():
-        raise InputError(f"its code was in {path}, which is missing")
-    if _world_note_digest(path) != code["digest"]:
-        raise InputError(f"its code in {path} has changed")
     plain = "" if "." in name or "<" in name else name
-    texts = find_started(path, name)
+    texts = find_started(path, name, str(code["digest"]))
     return WorldFile(path, plain).load(texts)

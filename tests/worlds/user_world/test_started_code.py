@@ -6,9 +6,14 @@ import importlib.util
 import json
 import os
 import py_compile
+import shutil
 import stat
 import sys
+import time
+import tracemalloc
+from base64 import b64encode
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +21,9 @@ import pytest
 
 from haptorb.devices.base import State
 from haptorb.errors import InputError
+from haptorb.own_code import find_imports
+from haptorb.worlds import CATALOGUE, PathGuidance, Remote, Scene, Sum
+from haptorb.worlds.scene_physics import find_scene_file
 from haptorb.worlds.user_world import WorldFile, list_path, load_noted_world, note_start, note_world
 
 WORLD = """
@@ -167,3 +175,175 @@ def test_an_array_of_an_impossible_shape_is_refused(shape: object) -> None:
     made = {"kind": "haptorb.worlds.terrain:Terrain", "fields": {"height": value}}
     with pytest.raises(InputError, match="cannot create"):
         load_noted_world(json.dumps({"made": made}))
+
+
+class Opened:
+    """Names of the files that this process opens or looks at, while it is told to listen."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.listens = False
+        sys.addaudithook(self._note)  # cannot be removed
+
+    def _note(self, event: str, arguments: tuple[object, ...]) -> None:
+        if self.listens and event == "open" and isinstance(arguments[0], str):
+            self.names.append(arguments[0])
+
+
+OPENED = Opened()
+
+
+@pytest.fixture
+def opened() -> Iterator[list[str]]:
+    """Names of the files that are opened in the test."""
+    OPENED.names.clear()
+    OPENED.listens = True
+    yield OPENED.names
+    OPENED.listens = False
+
+
+def test_a_file_from_which_this_account_started_nothing_is_not_opened(folder: Path, opened: list[str]) -> None:
+    start(folder)
+    other = folder.with_name("other")
+    other.mkdir()
+    for name in ("groove.py", "scene.xml"):
+        (other / name).write_text(WORLD)
+    opened.clear()
+    code = {"file": str(other / "groove.py"), "name": "Groove", "digest": "0" * 64, "loaded": "yes", "made": ""}
+    scenes = [{"scene": str(other / "scene.xml"), "digest": "0" * 64}, str(other / "scene.xml")]
+    made = [{"kind": "haptorb.worlds.scene:Scene", "fields": {"source": scene}} for scene in scenes]
+    for note in ({"code": code}, *({"made": one} for one in made)):
+        with pytest.raises(InputError):
+            load_noted_world(json.dumps(note))
+    assert list_path().name in {Path(name).name for name in opened}
+    assert [name for name in opened if str(other) in name] == []
+
+
+def test_modules_beside_a_world_have_an_end(folder: Path) -> None:
+    noted = start(folder)
+    with (folder / "started_helper.py").open("r+b") as file:
+        file.truncate(1 << 28)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="longer than"):
+        load_noted_world(noted)
+    assert tracemalloc.get_traced_memory()[1] < 50 << 20
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["import " + ".".join("a" * 50_000), "import a" + ".\\\n  a" * 50_000,
+     f"import {'a' * 300}", f"from {'x' * 300} import y", "x = " + "(" * 5000,
+     "import started_helper\n" + "-" * 100_000 + "1"],
+    ids=["many parts", "continued", "long name", "long package", "brackets", "minus signs"],
+)  # fmt: skip
+def test_the_search_for_imports_ends_for_any_source(source: str, folder: Path) -> None:
+    start = time.process_time()
+    with suppress(InputError):
+        assert set(find_imports(folder / "groove.py", source)) <= {folder / "started_helper.py"}
+    assert time.process_time() - start < 1.0
+
+
+def test_more_modules_than_any_world_has_are_refused(folder: Path) -> None:
+    for number in range(501):
+        (folder / f"started_{number}.py").touch()
+    with pytest.raises(InputError, match="more than 500 modules"):
+        find_imports(folder / "groove.py", "\n".join(f"import started_{number}" for number in range(501)))
+
+
+def test_a_scene_that_this_account_started_is_read_again_while_it_is_the_same(folder: Path) -> None:
+    path = folder / "scene.xml"
+    shutil.copy(find_scene_file("peg"), path)
+    scene = Scene(path)
+    noted = note_world(scene)
+    with pytest.raises(InputError, match="not on this account's list"):
+        load_noted_world(noted)
+    note_start(scene)
+    again = load_noted_world(noted)
+    assert isinstance(again, Scene)
+    assert again.model.file == path
+    text = path.read_text()
+    path.write_text(text.replace("<mujoco", "<!-- -->\n<mujoco", 1))
+    changed = note_world(Scene(path))
+    for one in (noted, changed):
+        with pytest.raises(InputError, match="has changed"):
+            load_noted_world(one)
+
+
+def test_a_supplied_scene_is_on_no_list(folder: Path) -> None:
+    assert load_noted_world(note_world(Scene("peg"))).name == "scene-peg"
+
+
+def make_note(kind: str, /, **values: object) -> str:
+    return json.dumps({"made": {"kind": f"haptorb.worlds.{kind}", "fields": values}})
+
+
+def list_arrays(value: object) -> object:
+    array = np.asarray(value)
+    data = b64encode(array.tobytes()).decode()
+    return {"array": data, "dtype": array.dtype.str, "shape": list(array.shape)}
+
+
+def make_path_note(**others: object) -> str:
+    places = np.column_stack([np.full(201, 0.05), 2e-4 * np.arange(201), np.zeros(201)])
+    values = {"places": list_arrays(places), "tangents": list_arrays(np.tile([0.0, 1.0, 0.0], (201, 1))),
+              "spacing": 2e-4, "closed": False, **others}  # fmt: skip
+    return make_note("path_guidance:PathGuidance", path={"kind": "haptorb.worlds.path:GuidancePath", "fields": values})
+
+
+def test_the_path_of_a_note_is_read() -> None:
+    world = load_noted_world(make_path_note())
+    assert isinstance(world, PathGuidance)
+    assert world.curve.length == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("spacing", 1e-12), ("spacing", 0.0), ("spacing", -2e-4), ("spacing", 1e300), ("spacing", 1e-3),
+     ("spacing", "2e-4"), ("spacing", None), ("spacing", True), ("spacing", list_arrays([2e-4])), ("closed", True),
+     ("closed", 1.0), ("closed", None), ("tangents", list_arrays([[0.0, 1.0, 0.0]])),
+     ("tangents", list_arrays(np.zeros((201, 3)))),
+     ("tangents", list_arrays(np.tile([0.0, 1.0, 0.0], (200, 1)))), ("tangents", list_arrays(np.zeros(603))),
+     ("tangents", list_arrays(np.tile([0.0, 1.0], (201, 1)))), ("tangents", {"tuple": [1.0]}), ("tangents", 1.0),
+     ("places", list_arrays([[0.0, 0.0, 0.05]])), ("places", list_arrays(np.full((201, 3), np.nan))),
+     ("places", list_arrays(np.zeros((201, 3)))), ("places", list_arrays(np.zeros((0, 3)))),
+     ("places", list_arrays(np.full((201, 3), 1e300))), ("places", "x")],
+)  # fmt: skip
+def test_a_path_that_compiled_code_could_not_follow_is_refused(name: str, value: object) -> None:
+    with pytest.raises(InputError):
+        load_noted_world(make_path_note(**{name: value}))
+
+
+DOME = {"kind": "haptorb.worlds.dome:Dome", "fields": {}}
+
+
+@pytest.mark.parametrize(
+    "noted",
+    [make_note("user_world:WorldFile", path="/etc/passwd"), make_note("scene:SceneFile", path="/etc/passwd"),
+     make_note("scene_physics:SceneModel", title="x", file="/x", model=DOME),
+     make_note("scene_check:_SceneCheck", folder="/"), make_note("base:Shape", name="x", kind="mesh", size=None),
+     make_note("moving:Varying", at=DOME), make_note("user_world:FunctionWorld", function=DOME),
+     make_note("path:GuidancePath"), make_note("dome:Dome", contact_distance="x" * 9),
+     make_note("dome:Dome", contact_distance=[0.05]), make_note("dome:Dome", reach=float("nan")),
+     make_note("dome:Dome", tool_moment=1e300), make_note("dome:Dome", reach=True),
+     make_note("path_guidance:PathGuidance", device=DOME), make_note("path_guidance:PathGuidance", path=DOME),
+     make_note("guidance:Guidance", path={"tuple": [{"tuple": [0.0, 0.0, 0.001 * n]} for n in range(20_000)]}),
+     make_note("terrain:Terrain", heights=DOME), make_note("moving:Orbit", dome={"kind": "x", "fields": {}}),
+     make_note("moving:Orbit", dome={"kind": "haptorb.worlds.basic:Wall", "fields": {}}),
+     make_note("base:Sum", parts={"tuple": [1.0]}), make_note("base:Sum", parts=DOME),
+     make_note("base:Sum", parts={"tuple": [DOME] * 300}), make_note("snap_fit:SnapFit", hooks=1.0),
+     make_note("snap_fit:SnapFit", material="x" * 1000), make_note("snap_fit:SnapFit", beam={"tuple": []}),
+     make_note("scene:Scene", source=DOME), make_note("scene:Scene", source="peg"),
+     make_note("scene:Scene", source={"scene": 1, "digest": 2}), make_note("basic:Wall", stiffness="x" * 1_000_000)],
+)  # fmt: skip
+def test_a_note_makes_worlds_of_the_catalogue_with_values_of_their_kind_and_nothing_else(noted: str) -> None:
+    with pytest.raises(InputError):
+        load_noted_world(noted)
+
+
+def test_every_world_of_the_catalogue_is_made_again_from_its_note() -> None:
+    for kind in CATALOGUE.values():
+        world = kind()
+        assert type(load_noted_world(note_world(world))) is kind
+        both = load_noted_world(note_world(world + Remote()))
+        assert both.parts[0].name == world.name if isinstance(both, Sum) else isinstance(world, Remote)
