@@ -35,7 +35,7 @@ from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.shared_memory import Phase, SharedMemory
-from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.runtime.trackers.base import HandGoal, Tracker
 from haptorb.runtime.world_requests import description
 from haptorb.serve import base, haply_protocol
 from haptorb.serve.base import ServedDevice
@@ -60,8 +60,8 @@ TURNS = [(0, 0, 0, 1), (0, 0, 1, 0), (1, 0, 0, 0), (0.5, 0.5, 0.5, 0.5), (0, 0, 
 class Hand(Tracker):
     """Rests at one place and gives way to what pushes it: it never moves the tool by itself."""
 
-    def goal(self, now: float) -> Goal:
-        return Goal(np.array(PLACE), np.array([0.0, 0.0, 0.0, 1.0]), now, False, still=True)
+    def goal(self, now: float) -> HandGoal:
+        return HandGoal(np.array(PLACE), np.array([0.0, 0.0, 0.0, 1.0]), now, False, still=True)
 
     def pose(self, now: float) -> Pose:
         raise AssertionError("a simulated hand has a goal; only a real device is asked for its pose")

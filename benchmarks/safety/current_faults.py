@@ -79,8 +79,8 @@ class Lying(Driver):
     def truth(self):
         return self.inner.truth()
 
-    def target(self):
-        return self.inner.target()
+    def hand_goal(self):
+        return self.inner.hand_goal()
 
 
 def imperfect(device: Device) -> Device:

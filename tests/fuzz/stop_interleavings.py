@@ -92,8 +92,8 @@ class Failing(Driver):
     def truth(self) -> Any:
         return self.inner.truth()
 
-    def target(self) -> Any:
-        return self.inner.target()
+    def hand_goal(self) -> Any:
+        return self.inner.hand_goal()
 
 
 class Host:

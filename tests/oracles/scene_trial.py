@@ -27,7 +27,7 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
-from haptorb.runtime.trackers.base import Goal
+from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.registry import simulate
 from haptorb.worlds.dynamic import BoundWorld
 from haptorb.worlds.scene import Scene
@@ -118,14 +118,14 @@ def try_scene(
     wish, slow, fade = np.zeros(6), np.zeros(6), math.exp(-dt / _WANDER)
     spread = 2.0 * math.sqrt((1 + fade) / (1 - fade))  # white noise, so that the wish has a deviation of 2
 
-    def goal(now: float) -> Goal:
+    def goal(now: float) -> HandGoal:
         nonlocal wish, slow
         wish = wish + (1 - fade) * (spread * rng.standard_normal(6) - wish)
         slow = slow + (1 - fade) * (wish - slow)
         if moved:
-            return Goal(_aim(device, np.tanh(slow[:3])), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+            return HandGoal(_aim(device, np.tanh(slow[:3])), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
         turned = 0.5 * _TILT * np.tanh(slow[:3])
-        return Goal(np.zeros(3), np.append(turned, 1.0) / math.hypot(1.0, *turned), now, False)
+        return HandGoal(np.zeros(3), np.append(turned, 1.0) / math.hypot(1.0, *turned), now, False)
 
     simulation = simulate(device, seed)
     driver: Driver = SimDriver(simulation, dt, goal, seed=seed)

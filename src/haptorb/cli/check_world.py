@@ -34,7 +34,7 @@ from haptorb.estimation.types import Pose
 from haptorb.notebook import NotebookReport
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
+from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.terminal import Column, TextTable, make_console, print_table, print_text
 from haptorb.worlds.base import World, WrenchPart, check_part
@@ -530,9 +530,9 @@ def is_growing(
     lean = np.array([_PUSH_FORCE_N / max(grip.stiffness, 1.0), 0.0, 0.0])
     pushed_for = 0.25 * 2 * pi * ((grip.mass + device.tool.mass) / (stiffness + grip.stiffness)) ** 0.5
 
-    def goal(now: float) -> Goal:
+    def goal(now: float) -> HandGoal:
         pushed = _RAMP_END_S <= now < _RAMP_END_S + pushed_for
-        return Goal(middle + lean if pushed else middle, upright, now, False)
+        return HandGoal(middle + lean if pushed else middle, upright, now, False)
 
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_SIMULATION_STEP_S), dt, goal)

@@ -492,7 +492,7 @@ class PlayedDriver(Driver):
         self._samples: list[Sample] = []
         self._duties: list[Array] = []
         self._truths: list[Array] = []
-        self._targets: list[Array] = []
+        self._hand_goals: list[Array] = []
         self._coils: list[CoilState] = []
         self._failures: list[int] = []
         self._at = 0
@@ -520,7 +520,7 @@ class PlayedDriver(Driver):
         self._samples = list(map(Sample, t.tolist(), rows("current_measured"), rows("boundary"), field, poses, *others))
         self._duties = list(rows("duty_applied"))
         self._truths = list(rows("wrench_actual"))
-        self._targets = list(np.concatenate((rows("hand_goal"), rows("hand_goal_q")), axis=1))
+        self._hand_goals = list(np.concatenate((rows("hand_goal"), rows("hand_goal_q")), axis=1))
         codes = block["coil_state"][:, 0].tolist()
         states = {code: _coil_state(code) for code in set(codes)}
         self._coils = [states[code] for code in codes]
@@ -568,9 +568,9 @@ class PlayedDriver(Driver):
         """Actual wrench (6,) recorded by the driver [N, N·m]; NaN if unknown."""
         return self._truths[self._at]
 
-    def target(self) -> Array:
+    def hand_goal(self) -> Array:
         """Recorded goal (7,) of the hand: position [m] and quaternion."""
-        return self._targets[self._at]
+        return self._hand_goals[self._at]
 
 
 def _coil_state(code: float) -> CoilState:

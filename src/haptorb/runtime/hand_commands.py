@@ -224,7 +224,7 @@ class HandCommands:
         memory = self._memory()
         with self._writing:
             self._end_repeater()
-            pointed = memory.pointer.read_pointer()
+            pointed = memory.pointer.read_hand_goal()
             memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
 
     @property

@@ -204,7 +204,7 @@ def fill_row(
     fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
     _copy(row, at.v, e.velocity[:])
     _copy(row, at.w, e.angular_velocity[:])
-    _copy(row, at.hand_goal, target)  # and target_q, which follows
+    _copy(row, at.hand_goal, target)  # and hand_goal_q, which follows
     _copy(row, at.wrench_commanded, g.asked[:])
     _copy(row, at.wrench_actual, given)
     _copy(row, at.duty_applied, applied)
@@ -627,7 +627,7 @@ class Tick(Stateful):
         rendered, field = self._render_nothing(0.0), np.zeros((self._device.sensors, 3))
         body = rendered.object
         fill_row(
-            row, self._places, protection.state, protection.coils, self.driver.target(), self.driver.truth(),
+            row, self._places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.truth(),
             self._applied, field, self._stages,
         )  # fmt: skip
         fill_pose(row, self._cells[0], turn, still, still, still, 0.0, False, 0.0, 0.0)
@@ -680,8 +680,8 @@ class Tick(Stateful):
         ) = self._cells  # fmt: skip
         places, body, pose = self._places, rendered.object, sample.pose
         fill_row(
-            row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
-            sample.field, self._stages,
+            row, places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.truth(),
+            self._applied, sample.field, self._stages,
         )  # fmt: skip
         fill_pose(
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age

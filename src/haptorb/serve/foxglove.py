@@ -301,7 +301,7 @@ class RowMessages:
             RowTopic(
                 make_topic("/tf", FrameTransforms),
                 100.0,
-                "mover, pointer target and a motor's object in `stator`",
+                "mover, hand goal and a motor's object in `stator`",
                 self._encode_frames,
             ),
             RowTopic(make_topic("/pose", PoseInFrame), 100.0, "estimated pose of the mover", self._encode_pose),

@@ -27,7 +27,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.version import __version__
-from haptorb.web.wire import Columns, Pointer
+from haptorb.web.wire import Columns, PointerMessage
 from haptorb.worlds import CATALOGUE, Outlet, SnapFit, World, find_world
 from haptorb.worlds.base import parameters
 from haptorb.worlds.base import values as parameter_values
@@ -384,7 +384,7 @@ class PointerRelay:
         self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
         self.held = False
 
-    def point(self, pointer: Pointer) -> None:
+    def point(self, pointer: PointerMessage) -> None:
         """Forward a pointer that moved or was released at `pointer.p`."""
         self._servo.hand.point(pointer.p, pointer.q, patience=self._patience)
         self.held = pointer.held

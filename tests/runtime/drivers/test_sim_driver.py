@@ -147,7 +147,7 @@ def test_the_hand_begins_where_it_wants_to_be_and_goes_where_it_is_told():
         assert driver.read(0.0).pose.p == pytest.approx([0.03, 0.0, 0.05])
         for n in range(1, 1001):
             sample = driver.read(n * PERIOD)
-        assert driver.target()[:3] == pytest.approx([0.0, 0.02, 0.055])
+        assert driver.hand_goal()[:3] == pytest.approx([0.0, 0.02, 0.055])
     assert np.linalg.norm(sample.pose.p - [0.0, 0.02, 0.055]) < 2e-3  # but for the core's pull
 
 
@@ -165,8 +165,8 @@ def test_without_a_goal_the_hand_stays():
         start = driver.read(0.0).pose.p
         for n in range(1, 300):
             sample = driver.read(n * PERIOD)
-        assert driver.target()[:3] == pytest.approx(start)
-        assert driver.target()[3:] == pytest.approx([0, 0, 0, 1])
+        assert driver.hand_goal()[:3] == pytest.approx(start)
+        assert driver.hand_goal()[3:] == pytest.approx([0, 0, 0, 1])
     assert np.linalg.norm(sample.pose.p - start) < 1e-3
 
 

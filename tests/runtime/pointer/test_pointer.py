@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 from haptorb.arrays import Array
 from haptorb.devices.base import rotation_to_axis
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.shared_memory import BINS, Histogram, PointerSource, PointerState
+from haptorb.runtime.shared_memory import BINS, HandGoalSource, Histogram, HostHandGoal
 from haptorb.simulation.hand_motion import DURATION, position_on_path, upright_quaternion
 
 Z = np.array([0.0, 0.0, 1.0])
 
 
-class Hand(PointerSource):
+class Hand(HandGoalSource):
     """A pointer that the test moves."""
 
     def __init__(self) -> None:
-        self.now = PointerState(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
+        self.now = HostHandGoal(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
 
-    def read_pointer(self) -> PointerState:
+    def read_hand_goal(self) -> HostHandGoal:
         return self.now
 
 
@@ -98,7 +98,7 @@ def test_guided_until_held_then_back_to_rest() -> None:
     assert goal.stamp == 3.0
     assert (goal.p == position_on_path(3.0)).all()
 
-    hand.now = PointerState(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 104.0)
+    hand.now = HostHandGoal(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 104.0)
     held = tracker.goal(4.2)
     assert held.held
     assert held.stamp == 4.0  # as old as the pointer, on the loop's clock
@@ -119,7 +119,7 @@ def test_guided_until_held_then_back_to_rest() -> None:
 def test_a_simulated_hand_is_as_patient_as_its_word() -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
-    hand.now = PointerState(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, patience=0.3)
+    hand.now = HostHandGoal(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, patience=0.3)
     assert [tracker.goal(t).stamp for t in (4.0, 4.2, 4.3, 9.0)] == [4.0, 4.2, 4.3, 4.3]
     assert tracker.goal(3.9).stamp == 4.0, "said after the tick began"
 
@@ -129,7 +129,7 @@ def test_released_anywhere(p: Array) -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
     for place in (p, -position_on_path(DURATION), np.zeros(3)):
-        hand.now = PointerState(True, place, upright_quaternion(place), 0.0)
+        hand.now = HostHandGoal(True, place, upright_quaternion(place), 0.0)
         tracker.goal(0.0)
         hand.now = hand.now._replace(held=False)
         for t in np.linspace(0.0, 2.0, 50):

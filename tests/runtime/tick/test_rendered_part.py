@@ -16,7 +16,7 @@ from haptorb.estimation.types import TrackedPose
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
+from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds.base import World
 from haptorb.worlds.user_world import FunctionWorld
 
@@ -27,7 +27,7 @@ FORCE, TORQUE, BOTH = 0.0, 1.0, 2.0
 
 def hold(now):
     """A hand that holds the tool upright on the summit."""
-    return Goal(np.array([0.0, 0.0, 0.0495]), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+    return HandGoal(np.array([0.0, 0.0, 0.0495]), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
 
 
 class Rig:

@@ -17,7 +17,7 @@ from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.linux import TickTimeout
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
+from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds.base import World
 
 OMNI = replace(load("omni"), tolerance=None)  # simulated as its file says
@@ -29,7 +29,7 @@ def hand(position):
     state = State.at(position)
     axis = state.axis
     q = np.array([-axis[1], axis[0], 0.0, 1 + axis[2]])
-    return lambda now: Goal(np.asarray(position, float), q / np.linalg.norm(q), now, False)
+    return lambda now: HandGoal(np.asarray(position, float), q / np.linalg.norm(q), now, False)
 
 
 class Faulty(Driver):
@@ -69,8 +69,8 @@ class Faulty(Driver):
     def truth(self):
         return self.inner.truth()
 
-    def target(self):
-        return self.inner.target()
+    def hand_goal(self):
+        return self.inner.hand_goal()
 
 
 class Rig:

@@ -103,8 +103,8 @@ class InTurns(Driver):
     def truth(self) -> Array:
         return self._driver.truth()
 
-    def target(self) -> Array:
-        return self._driver.target()
+    def hand_goal(self) -> Array:
+        return self._driver.hand_goal()
 
 
 def go_on(

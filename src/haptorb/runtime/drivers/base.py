@@ -208,8 +208,8 @@ class Driver(ABC):
         """
         return _NO_WRENCH
 
-    def target(self) -> Array:
-        """Return the pointer target of the simulated hand, if there is one.
+    def hand_goal(self) -> Array:
+        """Return the goal of the simulated hand, if there is one.
 
         Returns
         -------

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Feed",
     "FramedFeed",
-    "Goal",
+    "HandGoal",
     "RawPose",
     "RejectedPose",
     "Tracker",
@@ -63,7 +63,7 @@ class Feed(ABC):
     Attributes
     ----------
     one_tool : bool
-        False: the poses are pointer targets, which may jump; a jump then does not count as a loss.
+        False: the poses are hand goals, which may jump; a jump then does not count as a loss.
     """
 
     one_tool = True
@@ -149,7 +149,7 @@ class FramedFeed(TransformedFeed):
 
 
 @record
-class Goal:
+class HandGoal:
     """Goal of the simulated hand for the tool, with its timestamp.
 
     p      (3,) tool's magnet centre [m], frame S
@@ -177,7 +177,7 @@ class Tracker(ABC):
     origin: float = 0.0
 
     @abstractmethod
-    def goal(self, now: float) -> Goal:
+    def goal(self, now: float) -> HandGoal:
         """The hand's goal for the mover at `now` [s] on the loop's clock; a stamp that is not finite: unknown."""
 
     @abstractmethod

@@ -11,7 +11,7 @@ from haptorb.compiled import kernel
 from haptorb.errors import InputError
 from haptorb.estimation.types import Pose
 from haptorb.runtime.shared_memory import PoseBlock
-from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.runtime.trackers.base import HandGoal, Tracker
 
 __all__ = ["FARTHEST", "PREDICTION", "FeedTracker", "check_prediction"]
 
@@ -80,10 +80,10 @@ class FeedTracker(Tracker):
         self._v, self._w = record.v, record.w
         return min(stamp, now)  # safety: prediction-age
 
-    def goal(self, now: float) -> Goal:
+    def goal(self, now: float) -> HandGoal:
         """Goal of the hand for the mover; a simulated hand stays at its last goal while the tracker has no pose."""
         stamp = self._read_pose(now)
-        return Goal(self._p, self._q, stamp, True)
+        return HandGoal(self._p, self._q, stamp, True)
 
     def pose(self, now: float) -> Pose:
         """Pose of the tool; not valid before the tracker's first pose and after it lost the tool."""
