@@ -205,14 +205,14 @@ def fill_row(
     _copy(row, at.v, e.velocity[:])
     _copy(row, at.w, e.angular_velocity[:])
     _copy(row, at.hand_goal, target)  # and hand_goal_q, which follows
-    _copy(row, at.wrench_commanded, g.asked[:])
+    _copy(row, at.wrench_commanded, g.wrench_commanded[:])
     _copy(row, at.wrench_actual, given)
     _copy(row, at.duty_applied, applied)
     for i in range(6):
         row[at.wrench_model + i] = 0.0
     for j in range(coils.size):
         c = coils[j]
-        row[at.current_commanded + j], row[at.current_measured + j] = c.held, c.current
+        row[at.current_commanded + j], row[at.current_measured + j] = c.current_commanded, c.current
         row[at.resistance + j], row[at.duty_commanded + j] = c.resistance, c.duty
         row[at.boundary + j], row[at.winding + j] = c.boundary, c.winding
         for i in range(6):

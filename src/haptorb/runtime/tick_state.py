@@ -198,6 +198,12 @@ def _overrides(owner: Stateful) -> bool:
     return type(owner).gather_state is not Stateful.gather_state
 
 
+#: fields of the protection's records under the names that snapshots have had since the first version
+_RECORDED_NAMES: Final[Mapping[str, str]] = {
+    "wrench_commanded": "asked", "wrench_rendered": "wanted", "current_commanded": "held", "current_expected": "driven",
+}  # fmt: skip
+
+
 def _leaves(name: str, array: StateArray) -> Iterator[tuple[str, StateArray]]:
     """Split `array` of records into arrays of plain numbers."""
     if array.dtype.names is None:
@@ -206,4 +212,4 @@ def _leaves(name: str, array: StateArray) -> Iterator[tuple[str, StateArray]]:
         yield name, array
         return
     for field in array.dtype.names:
-        yield from _leaves(f"{name}/{field}", array[field])
+        yield from _leaves(f"{name}/{_RECORDED_NAMES.get(field, field)}", array[field])
