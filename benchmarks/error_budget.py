@@ -243,7 +243,7 @@ def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> A
     with driver:
         for number in range(TICKS):
             tick.step(row, number / RATE)
-        total = driver.truth()
+        total = driver.wrench_actual()
     if tick.protection.tripped or not row[tick.layout["gain"]] >= 1.0:
         raise NoWrench(tick.protection.reason.name)
     # The last read advanced the device under the duties of the tick before.

@@ -79,7 +79,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
             tick.step(row, k * 1e-3)
             rows.append(row.copy())
             away.append(row[at["p"]] - device.pose(0.0).p)
-        truth = device.truth()
+        truth = device.wrench_actual()
     log = np.array(rows)
     assert tick.error == ""
     assert log[-1, at["guard"]][0] == GuardState.RUNNING

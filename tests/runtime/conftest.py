@@ -58,7 +58,7 @@ class FakeDriver(Driver):
     def write(self, duties: Any) -> Any:
         raise NotImplementedError
 
-    def truth(self) -> Any:
+    def wrench_actual(self) -> Any:
         raise NotImplementedError
 
 

@@ -189,13 +189,13 @@ def fill_quaternion(R: Array, q: Array) -> None:
 
 @tick_kernel
 def fill_row(
-    row: Array, places: Records, state: Records, coils: Records, target: Array, given: Array, applied: Array,
-    field: Array, stages: Array,
+    row: Array, places: Records, state: Records, coils: Records, hand_goal: Array, wrench_actual: Array,
+    applied: Array, field: Array, stages: Array,
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) on device and protection, at the `places` of the `RowLayout`.
 
-    state (1,) PROTECTION and coils (m,) COIL; target (7,) position [m] and quaternion of the pointer's goal; given (6,)
-    [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
+    state (1,) PROTECTION and coils (m,) COIL; hand_goal (7,) position [m] and quaternion; wrench_actual
+    (6,) [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
     """
     at, s = places[0], state[0]
     e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
@@ -204,9 +204,9 @@ def fill_row(
     fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
     _copy(row, at.v, e.velocity[:])
     _copy(row, at.w, e.angular_velocity[:])
-    _copy(row, at.hand_goal, target)  # and hand_goal_q, which follows
+    _copy(row, at.hand_goal, hand_goal)  # and hand_goal_q, which follows
     _copy(row, at.wrench_commanded, g.wrench_commanded[:])
-    _copy(row, at.wrench_actual, given)
+    _copy(row, at.wrench_actual, wrench_actual)
     _copy(row, at.duty_applied, applied)
     for i in range(6):
         row[at.wrench_model + i] = 0.0
@@ -627,7 +627,7 @@ class Tick(Stateful):
         rendered, field = self._render_nothing(0.0), np.zeros((self._device.sensors, 3))
         body = rendered.object
         fill_row(
-            row, self._places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.truth(),
+            row, self._places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.wrench_actual(),
             self._applied, field, self._stages,
         )  # fmt: skip
         fill_pose(row, self._cells[0], turn, still, still, still, 0.0, False, 0.0, 0.0)
@@ -668,7 +668,7 @@ class Tick(Stateful):
             self._applied = self.driver.write(duties)
             if self.gripper is not None:
                 wanted = 0.0 if self._bound is None else self._bound.gripper_force
-                squeezed = self.driver.squeeze(self.gripper.limit(wanted, protection.gain, self._session[0]))
+                squeezed = self.driver.write_grip_force(self.gripper.limit(wanted, protection.gain, self._session[0]))
         except HaptorbError as cause:
             self._log.fail(TickFailure.WRITE)
             self._fail(Trip.DRIVER_FAILED, cause)
@@ -680,7 +680,7 @@ class Tick(Stateful):
         ) = self._cells  # fmt: skip
         places, body, pose = self._places, rendered.object, sample.pose
         fill_row(
-            row, places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.truth(),
+            row, places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.wrench_actual(),
             self._applied, sample.field, self._stages,
         )  # fmt: skip
         fill_pose(
@@ -790,7 +790,7 @@ class Tick(Stateful):
         try:
             self._applied = self.driver.write(self._zeros)
             if self.gripper is not None:  # safety: gripper-off-in-silence
-                self.driver.squeeze(self.gripper.limit(0.0, 0.0, 0.0))
+                self.driver.write_grip_force(self.gripper.limit(0.0, 0.0, 0.0))
         except HaptorbError:
             self._log.fail(TickFailure.WRITE)
             self._applied = self._zeros

@@ -462,7 +462,7 @@ class SimulatedMotor(CoilSimulation):
         tracked = Pose(pose_stamp, pose[:3], self._still, pose[3], self._still, pose_valid)
         return Sample(t, read[:channels], read[channels:], field, tracked)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m], without
         hand, bearing and end stop. The bearing carries every force: the first three are zero."""
         wrench = np.zeros(6)

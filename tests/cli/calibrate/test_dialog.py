@@ -58,8 +58,8 @@ class Bench(Driver):
         self.written += bool(np.any(duties))
         return self.inner.write(duties)
 
-    def truth(self) -> Any:
-        return self.inner.truth()
+    def wrench_actual(self) -> Any:
+        return self.inner.wrench_actual()
 
     @property
     def calibration(self) -> bytes:

@@ -66,8 +66,8 @@ class Faulty(Driver):
         self.written = self.inner.write(duties)
         return self.written
 
-    def truth(self):
-        return self.inner.truth()
+    def wrench_actual(self):
+        return self.inner.wrench_actual()
 
     def hand_goal(self):
         return self.inner.hand_goal()

@@ -100,8 +100,8 @@ class InTurns(Driver):
     def write(self, duties: Array) -> Array:
         return self._driver.write(duties)
 
-    def truth(self) -> Array:
-        return self._driver.truth()
+    def wrench_actual(self) -> Array:
+        return self._driver.wrench_actual()
 
     def hand_goal(self) -> Array:
         return self._driver.hand_goal()

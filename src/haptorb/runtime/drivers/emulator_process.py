@@ -105,10 +105,10 @@ class EmulatedDevice:
             state = self.simulation.state()
             return Pose(now, state.R_SR.copy(), state.p.copy(), state.w.copy(), state.v.copy(), valid=True)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """True wrench (6,) of coils and core on the tool [N, N·m]."""
         with self._lock:
-            return self.simulation.truth().copy()
+            return self.simulation.wrench_actual().copy()
 
     def close(self) -> None:
         """May be called twice."""

@@ -174,7 +174,7 @@ class SimDriver(Driver):
             self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
 
-    def squeeze(self, force: float) -> float:
+    def write_grip_force(self, force: float) -> float:
         """Command `force` [N] of the gripper until the next; return it, zero when not open or without a gripper."""
         able = self._open and self.simulation.gripper is not None  # safety: gripper-closed
         self._squeezed = force if able else 0.0
@@ -191,9 +191,9 @@ class SimDriver(Driver):
         # On a list: numpy's functions take three to ten times as long.
         return CoilState.ON if any(self._duties.tolist()) else CoilState.OFF
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Mean wrench (6,) of coils and core on the mover over the last advance [N, N·m]."""
-        return self.simulation.truth()
+        return self.simulation.wrench_actual()
 
     def hand_goal(self) -> Array:
         """Goal (7,) of the hand: position [m], then quaternion (x, y, z, w). Overwritten by `read`."""
@@ -255,9 +255,9 @@ class ImperfectTracker(Driver):
         """Apply `duties` (m,), −1…1 [1], as `inner` does; return those applied (m,)."""
         return self._inner.write(duties)
 
-    def squeeze(self, force: float) -> float:
+    def write_grip_force(self, force: float) -> float:
         """As `inner` does, `force` [N]."""
-        return self._inner.squeeze(force)
+        return self._inner.write_grip_force(force)
 
     @property
     def coil_state(self) -> CoilState:
@@ -277,9 +277,9 @@ class ImperfectTracker(Driver):
         """As `inner` does."""
         self._inner.cool()
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Wrench (6,) of `inner` [N, N·m]."""
-        return self._inner.truth()
+        return self._inner.wrench_actual()
 
     def hand_goal(self) -> Array:
         """Goal (7,) of `inner`: position [m], quaternion."""
