@@ -116,7 +116,7 @@ HAS_BASE, HAS_WRIST, HAS_ACTIVE_WRIST, HAS_GRIPPER, HAS_ACTIVE_GRIPPER, SIMULATE
 _OMEGA_3, _OMEGA_6, _OMEGA_7, _SIGMA_7 = 33, 34, 35, 104
 _TOOL = HAS_BASE | HAS_WRIST | HAS_ACTIVE_WRIST
 _PROGRAM_DELAY = 2e-3  #: delay from a pose to the program's force, in addition to the tick [s]
-_MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
+_MOTOR_SCALE = 10.0  #: a motor's object moves by millimetres
 _REACH = 0.1  #: half size of the box about the rest position, for a kind of device whose workspace is unknown [m]
 
 

@@ -285,7 +285,7 @@ OUTGOING = (
     # as it was called before 0.2.0
     Outgoing("/haptorb/force/asked", "wrench_commanded", "x y z", "N", "earlier name of force/commanded", last=3),
     Outgoing("/haptorb/torque/asked", "wrench_commanded", "x y z", "N·m", "earlier name of torque/commanded", first=3),
-    Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object, a motor's target"),
+    Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object that a motor moves"),
     Outgoing("/haptorb/object/orientation", "object_q", "x y z w", "1", "orientation of the object, quaternion"),
     Outgoing("/haptorb/object/force", "object_wrench", "x y z", "N", "force of the worlds on the object", last=3),
     Outgoing("/haptorb/object/torque", "object_wrench", "x y z", "N·m", "torque of the worlds on the object", first=3),
@@ -316,7 +316,7 @@ INCOMING = (
         "/haptorb/force",
         "x y z",
         "N",
-        "Force of the world `remote` on the mover, or on a motor's target. It fades out 50 ms after the last message.",
+        "Force of the world `remote` on the mover, or on a motor's object. It fades out 50 ms after the last message.",
     ),
 )
 

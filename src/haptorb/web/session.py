@@ -43,12 +43,12 @@ __all__ = [
     "describe_scene",
     "describe_world",
     "list_shapes",
+    "object_scene",
     "patience_for",
     "prepare",
     "press_buttons",
     "read_world",
     "session",
-    "target_scene",
     "world_now",
     "world_remarks",
     "worlds",
@@ -222,7 +222,7 @@ def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World], 
 # --------------------------------------------------------------------------------------------------
 # Scene of the object that a motor moves: plug, socket, and the bending of hooks, as computed by the world.
 #
-# All lengths in metres in the target's frame: X' out of the socket, Y' from one hook to the other.
+# All lengths in metres in the object's frame: X' out of the socket, Y' from one hook to the other.
 
 
 _BEND_POINTS = 7  #: contact points along a wedge for which the deflection of a hook is sent; the page interpolates
@@ -232,11 +232,11 @@ _EDGE_THICKNESS_M = 1.5e-3  #: of the edge of that part; drawing only [m]
 
 def prepare() -> None:
     """Precompute the first scenes in a thread: it takes a second, which would later delay the hand's pose."""
-    Thread(target=lambda: [target_scene(name, {}) for name in ("outlet", "snap_fit")], daemon=True).start()
+    Thread(target=lambda: [object_scene(name, {}) for name in ("outlet", "snap_fit")], daemon=True).start()
 
 
-def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Geometry of the world `name` with `values`; None if there is nothing to draw but the target itself.
+def object_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Geometry of the world `name` with `values`; None if there is nothing to draw but the object itself.
 
     hooks     number of hooks, the first at +Y'
     root      X' of their roots; they extend towards +X'
@@ -250,7 +250,7 @@ def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
     floor     X' of the socket's floor
     force     typical force [N]
     """
-    return _target_scene(name, _to_key(values))
+    return _object_scene(name, _to_key(values))
 
 
 def world_remarks(name: str, values: Mapping[str, Any]) -> list[str]:
@@ -271,7 +271,7 @@ def _remarks(name: str, values: tuple[tuple[str, float], ...]) -> list[str]:
 
 
 @lru_cache(maxsize=128)  # the maximum number of designs in a feel session
-def _target_scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
+def _object_scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
     try:
         world = find_world(name)().replace(**dict(values))
     except HaptorbError:  # a user's world, unknown to this process
@@ -588,7 +588,7 @@ def describe_world(servo: Servo, name: str, values: Mapping[str, Any], model: st
         "name": name,
         "values": dict(values),
         "model": model,
-        "scene": target_scene(name, values) if servo.modes else None,
+        "scene": object_scene(name, values) if servo.modes else None,
         "shapes": list_shapes(name, values, servo.own_worlds, servo.device),
         "remarks": _own_remarks(servo, name) or world_remarks(name, values),
     }

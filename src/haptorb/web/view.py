@@ -38,7 +38,7 @@ from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.overview import Overview
 from haptorb.web.server import PageAddress, bind_socket, open_browser_at, page_files, respond, server, signals
 from haptorb.web.server import command as read_command
-from haptorb.web.session import RecordedServo, list_shapes, session, target_scene, world_remarks, worlds
+from haptorb.web.session import RecordedServo, list_shapes, object_scene, session, world_remarks, worlds
 from haptorb.web.wire import COLUMNS, MODED, encode_force_frame, mesh_frame, rows_frame
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import parameters
@@ -102,7 +102,7 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
 
 
 # --------------------------------------------------------------------------------------------------
-# Worlds of a recording, described for the page: values, bodies, target scene and remarks.
+# Worlds of a recording, described for the page: values, bodies, scene of the object and remarks.
 
 
 _UNKNOWN_WORLD_TEXT = "your own world: its code does not run here, so neither its force map nor its bodies are drawn"
@@ -155,7 +155,7 @@ def describe_world(name: str, values: Mapping[str, Any], model: str, device: Dev
         "name": name,
         "values": {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()},
         "model": model,
-        "scene": target_scene(name, values) if device.kind.modes else None,
+        "scene": object_scene(name, values) if device.kind.modes else None,
         "shapes": list_shapes(name, values, {}, device),
         "remarks": world_remarks(name, values) if name in CATALOGUE else [f"'{name}': {_UNKNOWN_WORLD_TEXT}."],
     }

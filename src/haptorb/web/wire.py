@@ -44,7 +44,7 @@ COLUMNS = (
     *("saturated", "part", "memory"),
 )
 
-#: further columns of a device with modes, whose mover moves a target
+#: further columns of a device with modes, whose mover moves an object
 MODED = ("mode", "engaged", "share", "object", "object_q", "object_wrench", "contacts")
 
 #: largest distance of a valid pointer pose from the origin [m]
@@ -56,7 +56,7 @@ class Columns:
     """Columns of a servo's row that are sent to the page, and their layout in a frame."""
 
     layout: RowLayout
-    moded: bool = False  #: whether the device has modes, and a target
+    moded: bool = False  #: whether the device has modes, and an object
 
     @property
     def names(self) -> tuple[str, ...]:
