@@ -42,7 +42,7 @@ from haptorb.serve.base import ServedDevice
 from haptorb.serve.haply import reply
 from haptorb.serve.haply_protocol import Service
 from haptorb.worlds import Dome, Fluid, Remote
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 
 DT = 1e-3
 GAPS = (0, 0, 1, 1, 2, 7)  #: ticks between two events
@@ -79,8 +79,8 @@ class Client:
 
     def own_force(self, now: float) -> Any:
         """What its own last command alone would be, for as long as a command lasts."""
-        late = max(now - self.since - HOLD, now - self.lost if self.lost else 0.0)
-        return self.own * min(max(1.0 - late / FADE, 0.0), 1.0)
+        late = max(now - self.since - HOLD_TIME_S, now - self.lost if self.lost else 0.0)
+        return self.own * min(max(1.0 - late / FADE_TIME_S, 0.0), 1.0)
 
 
 class Setting:
@@ -219,7 +219,7 @@ class Setting:
             else:
                 self.other.command(self.other_session, wish, arrival=now - late)
                 stator = wish
-            if late < HOLD:
+            if late < HOLD_TIME_S:
                 client.own, client.since, client.lost = np.array(stator), now - late, 0.0
 
     def step(self) -> None:

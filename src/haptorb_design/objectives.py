@@ -13,9 +13,9 @@ from haptorb.devices import tables
 from haptorb.devices.base import Device, State, require
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import (
-    CHIP,
+    CHIP_EDGE_M,
     GREATEST_LEAN,
-    PEN,
+    PEN_RADIUS_M,
     SphericalElectromagnet,
     find_sensor_field,
     pen_distance,
@@ -988,9 +988,9 @@ def _orientation(candidate: DesignCandidate) -> float:
 def _room(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     at = device.hall.positions
-    chip = option(candidate, "chip", CHIP)
+    chip = option(candidate, "chip", CHIP_EDGE_M)
     dome = np.linalg.norm(at, axis=1) - device.dome_radius
-    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", PEN)
+    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", PEN_RADIUS_M)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + np.diag(np.full(len(at), np.inf))
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
 

@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.analysis.coupling import ASSUMED, CouplingSetting
+from haptorb.analysis.coupling import DEFAULT_LATENCY_S, CouplingSetting
 from haptorb.arrays import Array
 from haptorb.cli.check_world import PoseDelay
 from haptorb.control.linkage import MODES, make_linkage
@@ -130,7 +130,7 @@ def try_scene(
     simulation = simulate(device, seed)
     driver: Driver = SimDriver(simulation, dt, goal, seed=seed)
     if setting.fed:
-        late = ASSUMED if setting.latency is None else setting.latency
+        late = DEFAULT_LATENCY_S if setting.latency is None else setting.latency
         driver = ImperfectTracker(driver, PoseNoise(NOISE, seed), PoseDelay(TRACKER_RATE, late))
     estimator = check_estimator(device, setting.estimator if moved else None)
     estimator_used = make_estimator(device, estimator, None)

@@ -19,7 +19,7 @@ def test_rows_come_from_beside_bit_for_bit_or_not_at_all(
     damaged: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     whole = record_chain(tmp_path / "run.mcap", ticks=100)
-    monkeypatch.setattr("haptorb.recording.recording._WHOLE", 0)
+    monkeypatch.setattr("haptorb.recording.recording._MAX_WHOLE_BYTES", 0)
     recording = Recording(whole.path)
     assert recording.long
     if damaged:

@@ -22,7 +22,7 @@ from haptorb.runtime.drivers.registry import is_real, real_driver
 from haptorb.thermal import resistance_ratio
 
 __all__ = [
-    "RATE",
+    "RATE_HZ",
     "DriverSession",
     "Hand",
     "Pace",
@@ -40,7 +40,7 @@ __all__ = [
 # It needs only a driver, so that simulated and real devices are calibrated by the same code.
 
 
-RATE = 500.0  #: readings per second [Hz]: a firmware's watchdog waits 15 ms
+RATE_HZ = 500.0  #: readings per second [Hz]: a firmware's watchdog waits 15 ms
 _REST_S = 0.4  #: duration of the readings at rest
 _SETTLE_S, _HOLD_S = 0.012, 0.03  #: for each current: settling time that is discarded, and least total time
 _MIN_READINGS = 3  #: readings of every field sensor at each current
@@ -142,7 +142,7 @@ class DriverSession:
         return self._driver.simulated
 
     def hold(
-        self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
+        self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE_HZ
     ) -> tuple[list[Sample], Array]:
         """Apply `duties` for `seconds`; return the samples after `settle` [s] and the applied duties (m,)."""
         samples, applied = [], self._off
@@ -247,7 +247,7 @@ class DriverSession:
         wanted, currents, fields = self.excite(resistance, schedule)
         found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
         strength = float(np.sqrt((fields**2).mean()))
-        averaged = np.sqrt(RATE * (self._hold() - _SETTLE_S) / self._turns)
+        averaged = np.sqrt(RATE_HZ * (self._hold() - _SETTLE_S) / self._turns)
         share = _MEASURE_SHARE + 2 * coil_error(device)
         most = _MAX_NOISE_SHARE * np.hypot(device.hall.noise, device.hall.step) / averaged + share * strength
         if found.residual > most:
@@ -281,7 +281,7 @@ class DriverSession:
             samples, _ = self.hold(self._off, 0.06, _SETTLE_S)
             mean_field(samples)
             self._turns = len(samples) / int(np.isfinite([sample.field for sample in samples]).sum(axis=0).min())
-        return max(_HOLD_S, _SETTLE_S + _MIN_READINGS * self._turns / RATE)
+        return max(_HOLD_S, _SETTLE_S + _MIN_READINGS * self._turns / RATE_HZ)
 
 
 def mean_field(samples: Sequence[Sample]) -> Array:

@@ -21,9 +21,9 @@ from haptorb.devices.base import Device
 
 __all__ = [
     "COIL",
-    "CREDIT",
+    "ENERGY_CREDIT_J",
+    "HISTORY_TICKS",
     "PROTECTION",
-    "TICKS",
     "begin_tick",
     "check_estimate",
     "check_readings",
@@ -207,8 +207,8 @@ def _hold(g: Record, coils: Records, requested: Array, share: float) -> float:
 # modules.
 
 
-CREDIT = 2e-4  #: energy that may be generated before passivity control acts [J]: 0.1 kg at 6 cm/s
-TICKS = 128  #: length of the wrench history of passivity control, from the last pose but one on
+ENERGY_CREDIT_J = 2e-4  #: energy that may be generated before passivity control acts [J]: 0.1 kg at 6 cm/s
+HISTORY_TICKS = 128  #: length of the wrench history of passivity control, from the last pose but one on
 _OVERCURRENT_RATIO = 1.25  #: ratio of measured to allowed current that indicates a fault of wiring or driver
 _MIN_WINDING_K, _MAX_WINDING_K = 233.15, 453.15  #: a winding temperature outside this range indicates a fault [K]
 _MIN_LEARNING_CURRENT = 0.025  #: current, relative to the limit, above which its resistance is estimated
@@ -312,8 +312,8 @@ PASSIVITY = fields(
     ("surplus", "f8"),
     ("motion", "f8", (6,)),  # velocity [m/s] and angular velocity [rad/s] since the pose before
     ("mean", "f8", (6,)),  # mean commanded wrench between the last two poses [N, N·m]
-    ("times", "f8", (TICKS,)),  # ring buffer: time from which each wrench was commanded [s]
-    ("wrenches", "f8", (TICKS, 6)),  # ring buffer: wrenches [N, N·m]
+    ("times", "f8", (HISTORY_TICKS,)),  # ring buffer: time from which each wrench was commanded [s]
+    ("wrenches", "f8", (HISTORY_TICKS, 6)),  # ring buffer: wrenches [N, N·m]
 )
 
 #: One record.
@@ -409,7 +409,7 @@ def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) ->
     heat["core_capacity"] = 0.0 if thermal.coupling is None else thermal.coupling.core_capacity
     state["drive"]["supply"], state["drive"]["dt"] = device.supply.voltage, dt
     passivity["arm"], passivity["dt"], passivity["lag"] = arm, dt, lag
-    passivity["balance"], passivity["passive"], passivity["pushes"] = CREDIT, True, True
+    passivity["balance"], passivity["passive"], passivity["pushes"] = ENERGY_CREDIT_J, True, True
     passivity["stamp"] = passivity["newest"] = -np.inf
     return state
 

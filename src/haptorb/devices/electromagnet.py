@@ -43,13 +43,13 @@ from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = [
-    "CHIP",
+    "CHIP_EDGE_M",
     "COILS_AS_POINTS",
     "CORE_SATURATION",
     "ELECTROMAGNET",
     "FORCE_JND",
     "GREATEST_LEAN",
-    "PEN",
+    "PEN_RADIUS_M",
     "DomeContact",
     "Hand",
     "SphericalElectromagnet",
@@ -81,8 +81,8 @@ ELECTROMAGNET = DeviceKind(
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
 CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
 COILS_AS_POINTS = "coils are taken for points (no [windings] inside the dome): a third of the force may be wrong"
-PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
-CHIP = 3e-3  #: from a field sensor's centre to the farthest edge of its chip, with air [m]
+PEN_RADIUS_M = 7e-3  #: radius of the pen around the tool's magnet [m]
+CHIP_EDGE_M = 3e-3  #: from a field sensor's centre to the farthest edge of its chip, with air [m]
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
@@ -481,9 +481,10 @@ class SphericalElectromagnet(Device):
             found.append(
                 BuildCheck(
                     "tool clear of the sensors", f"sensor {worst + 1}, from its centre to a leaning tool's axis",
-                    float(away[worst]), max(PEN, self.tool.outer_radius) + CHIP, "m",
+                    float(away[worst]), max(PEN_RADIUS_M, self.tool.outer_radius) + CHIP_EDGE_M, "m",
                     "move the sensor down or outwards, or reduce dome.workspace_half_angle", at_least=True,
-                    note=f"{1e3 * max(PEN, self.tool.outer_radius):g} mm of tool and {1e3 * CHIP:g} mm of chip",
+                    note=f"{1e3 * max(PEN_RADIUS_M, self.tool.outer_radius):g} mm of tool and "
+                    f"{1e3 * CHIP_EDGE_M:g} mm of chip",
                 )
             )  # fmt: skip
         if self.windings is not None:

@@ -13,7 +13,7 @@ from haptorb.arrays import Array, check_finite, gauss_legendre, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics import source
-from haptorb.magnetics.current_sheets import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
+from haptorb.magnetics.current_sheets import SERIES_RADII, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.magnetics.source import RoundBody, Source, tensor
@@ -219,7 +219,7 @@ class Coil(RoundBody):
         self.precision = _relative(precision)
         self._density = MU0 * self.turns / (self.length * (self.outer_radius - self.inner_radius))
         self._shape = np.array([self.inner_radius, self.outer_radius, 0.5 * self.length])
-        self._far2 = (FAR * self.bounding_radius) ** 2
+        self._far2 = (SERIES_RADII * self.bounding_radius) ** 2
 
     def __repr__(self) -> str:
         return (

@@ -104,7 +104,8 @@ _NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v",
            "boundary", "duty_applied")  # fmt: skip
 _PLAYED_ROWS_PIECE = 1024  #: rows that are read at once: whole rows are unpacked
 _COMMANDS = 2.0**31  #: exclusive upper bound of a sum of command flags
-_ROOM = 512 * 1024 * 1024  #: most bytes of unpacked rows kept in memory; above it, each block is unpacked again
+#: limit of unpacked rows kept in memory; above it, each block is unpacked again
+_MAX_UNPACKED_BYTES = 512 * 1024 * 1024
 _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
 
 
@@ -135,7 +136,7 @@ class PlayedRows:
             self._at[field.name] = slice(start, start + field.width)
             start += field.width
         self.missing = tuple(name for name in SAMPLE_FIELDS if name not in names)
-        self._keeps = not recording.long or count_bytes(recording) <= _ROOM
+        self._keeps = not recording.long or count_bytes(recording) <= _MAX_UNPACKED_BYTES
         self._unpacked: UnpackedRows | None = None
 
     def unpack_beside(self) -> None:

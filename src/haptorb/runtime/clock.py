@@ -18,15 +18,15 @@ from typing import final
 from haptorb.errors import InputError
 from haptorb.runtime.linux import is_linux
 
-__all__ = ["FASTEST", "SLOWEST", "Clock", "Schedule", "check_rate"]
+__all__ = ["MAX_RATE_HZ", "MIN_RATE_HZ", "Clock", "Schedule", "check_rate"]
 
 
 # --------------------------------------------------------------------------------------------------
 # Schedule of absolute deadlines in integer nanoseconds; it reads no clock.
 
 
-SLOWEST = 50.0  #: [Hz]
-FASTEST = 4000.0  #: [Hz]
+MIN_RATE_HZ = 50.0  #: [Hz]
+MAX_RATE_HZ = 4000.0  #: [Hz]
 
 
 def check_rate(rate: float) -> float:
@@ -37,8 +37,8 @@ def check_rate(rate: float) -> float:
     """
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not math.isfinite(rate):
         raise InputError(f"rate must be a finite number of hertz; got {rate!r}")
-    if not SLOWEST <= rate <= FASTEST:
-        raise InputError(f"rate must lie between {SLOWEST:g} and {FASTEST:g} Hz; got {rate:g}")
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise InputError(f"rate must lie between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz; got {rate:g}")
     return float(rate)
 
 

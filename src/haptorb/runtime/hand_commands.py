@@ -12,7 +12,7 @@ from typing import final
 
 from numpy.typing import ArrayLike
 
-from haptorb.devices.base import FARTHEST
+from haptorb.devices.base import MAX_DISTANCE_M
 from haptorb.errors import InputError
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import raise_priority
@@ -241,7 +241,7 @@ class HandCommands:
     @property
     def _farthest(self) -> float:
         """Largest valid distance from the centre [m]; unlimited for a motor, whose handle only points towards `p`."""
-        return float("inf") if self._config.device.kind.modes else FARTHEST
+        return float("inf") if self._config.device.kind.modes else MAX_DISTANCE_M
 
     def _check_pose(self, p: ArrayLike, q: ArrayLike | None) -> HandPose:
         return check_pose(p, q, self._farthest, upright=self._config.device.is_upright)

@@ -28,7 +28,7 @@ from haptorb.files import SHARED, FileLock, describe_size_limit, folders
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.linux import END_SIGNALS
 from haptorb.runtime.ring_buffer import RingBuffer
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 from haptorb.worlds.dynamic import CLIENT_FORCE
 
 __all__ = [
@@ -263,7 +263,7 @@ _PLACES = [
     CLIENT_FORCE.fields[name][1] // 8  # type: ignore[index]
     for name in ("force", "session", "age", "lost", "mapping", "torque", "gripper")
 ]
-_OVER = HOLD + FADE
+_OVER = HOLD_TIME_S + FADE_TIME_S
 
 
 class _Command(NamedTuple):
@@ -352,7 +352,7 @@ class ClientForces:
 
     def _is_over(self, block: int, now: float) -> bool:
         command = self._commands[block]
-        return now - command.stamp >= _OVER or (command.loss > 0.0 and now - command.loss >= FADE)
+        return now - command.stamp >= _OVER or (command.loss > 0.0 and now - command.loss >= FADE_TIME_S)
 
     def _read(self, block: int, start: int) -> None:
         """Read the block's command unless a write is in progress, or was never completed."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array, StateArray, Stateful
-from haptorb.control.guard import TICKS
+from haptorb.control.guard import HISTORY_TICKS
 from haptorb.errors import RecordingError
 from haptorb.runtime.shared_memory import split_snapshot
 
@@ -158,10 +158,10 @@ def _complete_passivity(arrays: Mapping[str, StateArray]) -> Mapping[str, StateA
     if times.shape[1:] != (_OLD_RING_LENGTH,) or wrenches.shape[1:] != (_OLD_RING_LENGTH, 6) or count.shape != (1,):
         return arrays
     known = dict(arrays)
-    numbers = int(count[0]) - 1 - np.arange(TICKS)  # indices of the newest wrenches
+    numbers = int(count[0]) - 1 - np.arange(HISTORY_TICKS)  # indices of the newest wrenches
     for name, ring in (("times", times), ("wrenches", wrenches)):
-        newest = np.zeros((1, TICKS, *ring.shape[2:]))
-        newest[:, numbers % TICKS] = ring[:, numbers % _OLD_RING_LENGTH]
+        newest = np.zeros((1, HISTORY_TICKS, *ring.shape[2:]))
+        newest[:, numbers % HISTORY_TICKS] = ring[:, numbers % _OLD_RING_LENGTH]
         known[f"{prefix}/{name}"] = newest
     for name, size in _SOFTENING.items():
         known[f"{prefix}/{name}"] = np.zeros((1, size) if size else 1)

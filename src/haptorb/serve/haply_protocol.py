@@ -15,7 +15,7 @@ from haptorb.arrays import record
 from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError, InputError, UnknownName
-from haptorb.serve.base import LATE, ServedDevice
+from haptorb.serve.base import MAX_WAIT_S, ServedDevice
 from haptorb.version import __version__
 
 __all__ = [
@@ -719,7 +719,7 @@ class Service:
             message = json.loads(text)
         except (ValueError, RecursionError):
             message, session.unreadable = None, session.unreadable + bool(text.strip())
-        late = monotonic() - arrival > LATE  # safety: late-messages
+        late = monotonic() - arrival > MAX_WAIT_S  # safety: late-messages
         full = self._execute(session, message, arrival) if isinstance(message, dict) and not late else False
         return self._write(session, config=full)
 

@@ -34,17 +34,17 @@ from haptorb.worlds.base import values as parameter_values
 from haptorb.worlds.dynamic import DynamicWorld, find_number
 
 __all__ = [
-    "PATIENCE",
-    "PATIENCE_SIMULATED",
-    "Patience",
+    "HANG_TIMEOUTS",
+    "HANG_TIMEOUTS_SIMULATED",
+    "HangTimeouts",
     "PointerRelay",
     "RecordedServo",
     "describe_parts",
     "describe_scene",
     "describe_world",
+    "hang_timeouts_for",
     "list_shapes",
     "object_scene",
-    "patience_for",
     "prepare",
     "press_buttons",
     "read_world",
@@ -337,36 +337,36 @@ def _describe_hook_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]
 # releases. Because a browser on a busy computer stutters, short pauses are bridged while its socket is open. A pointer
 # at rest sends no messages, so the server refreshes it while the page is connected.
 #
-# Two timeouts, `Patience`, bound how long a force may last without the user: of the page's main thread, after which its
-# worker drops the pose, and of the worker, after which the server drops it. A real device allows at most 0.25 s; then
-# the pose expires (`limits.expiry`), and the guard fades the force out within 50 ms and trips. A simulated device
-# cannot hurt anyone, and no tracker has failed: it allows 1 s, then the simulated hand releases the pointer and returns
-# to rest within 1.5 s, without a trip. If a page disconnects during a drag, the pose expires with either. Since this
-# process may also wait for a processor, the simulated hand keeps its pose for 0.3 s without a message from here.
+# Two timeouts, `HangTimeouts`, bound how long a force may last without the user: of the page's main thread, after
+# which its worker drops the pose, and of the worker, after which the server drops it. A real device allows at most
+# 0.25 s; then the pose expires (`limits.expiry`), and the guard fades the force out within 50 ms and trips. A simulated
+# device cannot hurt anyone, and no tracker has failed: it allows 1 s, then the simulated hand releases the pointer and
+# returns to rest within 1.5 s, without a trip. If a page disconnects during a drag, the pose expires with either. Since
+# this process may also wait for a processor, the simulated hand keeps its pose for 0.3 s without a message from here.
 
 
-class Patience(NamedTuple):
+class HangTimeouts(NamedTuple):
     """Timeouts of a dragged pointer that is not refreshed [s]."""
 
     page: float  #: from the page's main thread to its worker
     worker: float  #: from the worker to the server
 
 
-PATIENCE = Patience(page=0.25, worker=0.15)
-PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
+HANG_TIMEOUTS = HangTimeouts(page=0.25, worker=0.15)
+HANG_TIMEOUTS_SIMULATED = HangTimeouts(page=1.0, worker=1.0)
 
 _STARVATION_S = 0.3  #: time that a simulated hand bridges while this process gets no processor [s]
 #: largest difference of a row's goal from the pointer's that it echoes [m]; the transport is in float32
 _ECHO_TOLERANCE_M = 1e-6
 #: a hand is at rest this long after its release [s]
-SETTLED = 0.5
+SETTLE_TIME_S = 0.5
 #: timeout of an echo [s]
 _ECHO_TIMEOUT_S = 0.5
 
 
-def patience_for(driver: str) -> Patience:
+def hang_timeouts_for(driver: str) -> HangTimeouts:
     """Timeouts for `driver`: longer for the simulation, which has no power."""
-    return PATIENCE_SIMULATED if driver == "sim" else PATIENCE
+    return HANG_TIMEOUTS_SIMULATED if driver == "sim" else HANG_TIMEOUTS
 
 
 @final
@@ -375,7 +375,7 @@ class PointerRelay:
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
-        self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
+        self._simulated, self._grace = servo.driver == "sim", hang_timeouts_for(servo.driver).worker
         self._patience = _STARVATION_S if self._simulated else 0.0
         self._last: tuple[Array, Array | None, float] | None = None  # the dragged pose, and when it was received
         self._release_time = 0.0  # time of the release [s]
@@ -410,7 +410,7 @@ class PointerRelay:
 
         A browser that closes a page during a drag first sends a release of the pointer, which does not count as rest.
         """
-        if self._resting is not None and time.monotonic() - self._release_time > SETTLED:
+        if self._resting is not None and time.monotonic() - self._release_time > SETTLE_TIME_S:
             self._servo.hand.release()
         self._clear()
 
@@ -542,7 +542,7 @@ def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
         "started": started,
         "simulated": servo.driver == "sim",
         "steered": not has_feed(servo.tracker),
-        "patience": patience_for(servo.driver).page,
+        "patience": hang_timeouts_for(servo.driver).page,
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "scene": {"gives": "force", **describe_scene(device)},
         "modes": list(servo.modes),

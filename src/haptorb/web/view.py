@@ -32,7 +32,7 @@ from haptorb.recording.recording import Recording
 from haptorb.recording.row import Field, RowLayout
 from haptorb.version import __version__
 from haptorb.web.access import PROTOCOL, AccessGate, choose_token
-from haptorb.web.console_hub import PATIENCE, to_json, wait_for_first
+from haptorb.web.console_hub import SEND_TIMEOUT_S, to_json, wait_for_first
 from haptorb.web.force_map import ForceMapSource, shell
 from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.overview import Overview
@@ -526,12 +526,12 @@ class RowSocket:
                 await self._send(frame)
 
     async def _send(self, frame: bytes) -> None:
-        async with self._sending, asyncio.timeout(PATIENCE):
+        async with self._sending, asyncio.timeout(SEND_TIMEOUT_S):
             await self._socket.send_bytes(frame)
 
     async def _send_event(self, event: str, **what: Any) -> None:
         text = json.dumps({"event": event, **what}, allow_nan=False, default=to_json)
-        async with self._sending, asyncio.timeout(PATIENCE):
+        async with self._sending, asyncio.timeout(SEND_TIMEOUT_S):
             await self._socket.send_text(text)
 
 
@@ -553,7 +553,7 @@ def _read_whole(question: Mapping[str, Any], key: str) -> int:
 #: folder into which the build hook writes the pages
 STATIC = Path(__file__).parent / "view_static"
 
-MOST = 16  #: pages of a recording at the same time
+MAX_PAGES = 16  #: pages of a recording at the same time
 _TRY_AGAIN_LATER = 1013  #: close code of a WebSocket: too many pages
 _NO_RECORDING = 4404  #: close code of a WebSocket for an unknown recording
 
@@ -609,7 +609,7 @@ def application(
 
     async def rows(socket: WebSocket) -> None:
         number = number_of(socket)
-        if number is None or open_pages[number] >= MOST:
+        if number is None or open_pages[number] >= MAX_PAGES:
             await socket.accept()
             await socket.close(
                 *((_NO_RECORDING, "no such recording") if number is None else (_TRY_AGAIN_LATER, "too many pages"))

@@ -48,7 +48,7 @@ COLUMNS = (
 MODED = ("mode", "engaged", "share", "object", "object_q", "object_wrench", "contacts")
 
 #: largest distance of a valid pointer pose from the origin [m]
-REACH = 1.0
+MAX_DISTANCE_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -124,8 +124,8 @@ def pointer(message: bytes) -> PointerMessage:
         raise InputError(f"a pointer message has {_POINTER.size} bytes; got {len(message)}")
     stamp, x, y, z, *turned, held = _POINTER.unpack(message)
     p, q = np.array((x, y, z)), np.array(turned)
-    if not math.hypot(x, y, z) <= REACH:
-        raise InputError(f"a pointer's position must be finite and within {REACH:g} m; got {p.tolist()} m")
+    if not math.hypot(x, y, z) <= MAX_DISTANCE_M:
+        raise InputError(f"a pointer's position must be finite and within {MAX_DISTANCE_M:g} m; got {p.tolist()} m")
     if math.isinf(stamp):
         raise InputError("a pointer's time stamp must be finite, or NaN for none")
     if np.isnan(q).all():

@@ -21,8 +21,8 @@ from haptorb.worlds.base import World, parameter
 
 __all__ = ["Terrain", "hills"]
 
-_BYTES = 64 * 1024 * 1024  #: maximum size of an image file
-_PIXELS = 4096  #: maximum side length of an image
+_MAX_IMAGE_BYTES = 64 * 1024 * 1024  #: maximum size of an image file
+_MAX_IMAGE_PIXELS = 4096  #: maximum side length of an image
 
 
 @kernel
@@ -141,11 +141,13 @@ class Terrain(World):
         from PIL import Image, UnidentifiedImageError
 
         try:
-            content = read_bytes(path, _BYTES, "height map", InputError)
+            content = read_bytes(path, _MAX_IMAGE_BYTES, "height map", InputError)
             # Other formats of PIL start system programs, such as the one for PostScript.
             with Image.open(BytesIO(content), formats=("PNG", "TIFF", "JPEG", "BMP", "GIF", "PPM")) as picture:
-                if max(picture.size) > _PIXELS:
-                    raise InputError(f"height map '{path}' has more than {_PIXELS} pixels a side; make it smaller")
+                if max(picture.size) > _MAX_IMAGE_PIXELS:
+                    raise InputError(
+                        f"height map '{path}' has more than {_MAX_IMAGE_PIXELS} pixels a side; make it smaller"
+                    )
                 deep = picture.mode.startswith("I")  # 16-bit greyscale
                 if picture.mode in ("LA", "PA", "RGBA") and np.asarray(picture.getchannel("A")).min() < 255:
                     raise InputError(f"height map '{path}' has transparent pixels: holes; fill them first")

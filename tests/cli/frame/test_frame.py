@@ -64,7 +64,7 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptorb.cli.frame_dialog.PACE", 0.04)
+    monkeypatch.setattr("haptorb.cli.frame_dialog.TIME_SCALE", 0.04)
     port = free_port()
     with suppress(SystemExit):
         assert main(["frame", "omni", "--rehearse", "--tracker", f"osc:{port}", "--json"]) == 0

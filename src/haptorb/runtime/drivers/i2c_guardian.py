@@ -22,16 +22,18 @@ from typing import final
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c_chips import I2cBus, LinuxBus, Pca9685
 
-__all__ = ["ANSWER", "PATIENCE", "Guardian", "serve", "switch_off", "watch"]
+__all__ = ["HEARTBEAT_TIMEOUT_S", "RESPONSE_TIMEOUT_S", "Guardian", "serve", "switch_off", "watch"]
 
-PATIENCE = 0.015  #: heartbeat timeout while the coils are engaged [s]
-ANSWER = 0.010  #: time since the last answer to a heartbeat after which the guardian counts as stopped [s]
+HEARTBEAT_TIMEOUT_S = 0.015  #: heartbeat timeout while the coils are engaged [s]
+RESPONSE_TIMEOUT_S = 0.010  #: time since the last answer to a heartbeat after which the guardian counts as stopped [s]
 
 _RETRY_INTERVAL_S = 2e-3  #: between two tries to switch off
 _PRIORITY = 41  #: above every loop: one that never sleeps must not starve its guardian
 
 
-def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, answers: int | None = None) -> bool:
+def watch(
+    heartbeats: int, off: Callable[[], None], patience: float = HEARTBEAT_TIMEOUT_S, answers: int | None = None
+) -> bool:
     """Monitor the file descriptor `heartbeats` until it ends (True) or times out while engaged (False); then `off`.
 
     Every heartbeat is answered on the file descriptor `answers`. After a timeout no heartbeat is accepted any more: the
@@ -118,9 +120,10 @@ class Guardian:
         if engaged and not self._engaged:  # there were no heartbeats before, so no answers either
             self._last_answer = now
         self._engaged = engaged
-        if engaged and now - self._last_answer > ANSWER:  # safety: guardian-silent
+        if engaged and now - self._last_answer > RESPONSE_TIMEOUT_S:  # safety: guardian-silent
             raise DriverError(
-                f"the guardian of the I²C bus did not answer for {1e3 * ANSWER:g} ms (stopped, or a busy computer)"
+                f"the guardian of the I²C bus did not answer for {1e3 * RESPONSE_TIMEOUT_S:g} ms (stopped, or a busy "
+                "computer)"
             )
 
     @property

@@ -13,18 +13,18 @@ from haptorb.estimation.types import Pose
 from haptorb.runtime.shared_memory import PoseBlock
 from haptorb.runtime.trackers.base import HandGoal, Tracker
 
-__all__ = ["FARTHEST", "PREDICTION", "FeedTracker", "check_prediction"]
+__all__ = ["MAX_PREDICTION_S", "PREDICTION", "FeedTracker", "check_prediction"]
 
 PREDICTION = 0.004  #: longest prediction of a pose, by default [s]
-FARTHEST = 0.020  #: longest useful prediction of a hand [s]
+MAX_PREDICTION_S = 0.020  #: longest useful prediction of a hand [s]
 
 _NOWHERE = float("-inf")
 
 
 def check_prediction(seconds: float) -> float:
     """Return `seconds`; raise InputError if it is not a valid prediction time."""
-    if not 0.0 <= seconds <= FARTHEST:
-        raise InputError(f"prediction must be from 0 to {1e3 * FARTHEST:g} ms; got {1e3 * seconds:g} ms")
+    if not 0.0 <= seconds <= MAX_PREDICTION_S:
+        raise InputError(f"prediction must be from 0 to {1e3 * MAX_PREDICTION_S:g} ms; got {1e3 * seconds:g} ms")
     return float(seconds)
 
 

@@ -19,7 +19,7 @@ from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.shared_memory import PoseBlock, PoseRecord
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.registry import has_feed
-from haptorb.runtime.trackers.sender_clock import RESTART_SILENCE
+from haptorb.runtime.trackers.sender_clock import RESTART_GAP_S
 
 __all__ = ["REASONS", "PoseFilter", "describe_missing_pose", "describe_source", "describe_trip"]
 
@@ -81,7 +81,7 @@ class PoseFilter:
 
     def _accept(self, raw: RawPose) -> None:
         why = "" if isfinite(raw.stamp) and isfinite(raw.arrival) else "not_finite"
-        if not why and raw.arrival - self._arrival > RESTART_SILENCE:
+        if not why and raw.arrival - self._arrival > RESTART_GAP_S:
             self._stamp = float("-inf")
         if not why and raw.valid:
             why = _find_fault(raw)
