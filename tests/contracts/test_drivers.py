@@ -81,7 +81,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
     if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr/sim_avr.h").exists():
         pytest.skip("gcc-avr or libsimavr-dev is not installed")
     emulator = Emulator(make_firmware("all", "emulator"), tmp_path / "omni")
-    driver = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
+    driver = SerialDriver(load("omni"), emulator.port, timeout=1.0, warm_up=90.0)
     original = driver.open
 
     def open_then_slow() -> None:

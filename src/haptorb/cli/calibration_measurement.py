@@ -326,7 +326,7 @@ def make_driver(
 ) -> tuple[Driver, Pace]:
     """Return the driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is none."""
     if is_real(name):
-        return real_driver(name, device, patience=_RESPONSE_TIMEOUT_S, watchdog=watchdog), Pace()
+        return real_driver(name, device, timeout=_RESPONSE_TIMEOUT_S, watchdog=watchdog), Pace()
     from haptorb.runtime.drivers.registry import check_driver
     from haptorb.runtime.drivers.sim import SimDriver
     from haptorb.simulation.electromagnet import SimulatedElectromagnet

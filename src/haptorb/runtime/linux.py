@@ -424,9 +424,9 @@ def start_python(module: str, *arguments: str, isolated: bool = False, **options
     return start(command, **{**apart, "env": environment(), **options})
 
 
-def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted: threading.Event | None = None) -> bool:
-    """Wait for the end of `process`; False if it has not ended within `patience` [s], or when `interrupted`."""
-    end = monotonic() + patience
+def wait_for_end(process: subprocess.Popen[bytes], timeout: float, interrupted: threading.Event | None = None) -> bool:
+    """Wait for the end of `process`; False if it has not ended within `timeout` [s], or when `interrupted`."""
+    end = monotonic() + timeout
     while True:
         left = end - monotonic()
         try:
@@ -438,13 +438,13 @@ def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted:
 
 
 def end_process(
-    process: subprocess.Popen[bytes] | None, patience: float, interrupted: threading.Event | None = None
+    process: subprocess.Popen[bytes] | None, timeout: float, interrupted: threading.Event | None = None
 ) -> bool:
-    """Wait for `process`, if there is one, for `patience` [s], then kill it; return whether it has ended.
+    """Wait for `process`, if there is one, for `timeout` [s], then kill it; return whether it has ended.
 
     One that the kernel blocks, as on a disk that does not respond, cannot be killed and is not waited for.
     """
-    if process is None or wait_for_end(process, patience, interrupted):
+    if process is None or wait_for_end(process, timeout, interrupted):
         return True
     process.kill()
     return wait_for_end(process, _KILL_TIMEOUT_S)

@@ -44,8 +44,8 @@ class PlaybackFeed(Feed):
         self._stroke = stroke
         return True
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        if patience > 0.0 and self._stroke is not None:  # the step has begun
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
+        if timeout > 0.0 and self._stroke is not None:  # the step has begun
             person, name = self._rehearsal._person, self._stroke.name
             poses = person.dome(300) if name == "dome" else (
                 person.roll(80) if name == "roll" else person.mark(name.partition(" ")[2], 80))  # fmt: skip

@@ -32,7 +32,7 @@ _PRIORITY = 41  #: above every loop: one that never sleeps must not starve its g
 
 
 def watch(
-    heartbeats: int, off: Callable[[], None], patience: float = HEARTBEAT_TIMEOUT_S, answers: int | None = None
+    heartbeats: int, off: Callable[[], None], timeout: float = HEARTBEAT_TIMEOUT_S, answers: int | None = None
 ) -> bool:
     """Monitor the file descriptor `heartbeats` until it ends (True) or times out while engaged (False); then `off`.
 
@@ -42,7 +42,7 @@ def watch(
     """
     engaged = False
     while True:
-        ready, _, _ = select.select((heartbeats,), (), (), patience if engaged else None)
+        ready, _, _ = select.select((heartbeats,), (), (), timeout if engaged else None)
         data = os.read(heartbeats, 4096) if ready else b""
         if not data:
             os.close(heartbeats)
@@ -96,10 +96,10 @@ class Guardian:
         """Process id."""
         return self._process.pid
 
-    def wait_until_ready(self, patience: float) -> bool:
-        """Wait for its ready message, for at most `patience` [s]; return whether it is active."""
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Wait for its ready message, for at most `timeout` [s]; return whether it is active."""
         if not self._ready and self._answers >= 0:
-            readable, _, _ = select.select((self._answers,), (), (), patience)
+            readable, _, _ = select.select((self._answers,), (), (), timeout)
             self._ready = bool(readable) and os.read(self._answers, 1) == b"+"
         return self._ready and not self.ended
 
@@ -137,12 +137,12 @@ class Guardian:
         with suppress(OSError):
             self._pipes[0].close()
 
-    def end(self, patience: float) -> bool:
-        """End it once off is confirmed, within `patience` [s], or kill it; return whether it has ended."""
+    def end(self, timeout: float) -> bool:
+        """End it once off is confirmed, within `timeout` [s], or kill it; return whether it has ended."""
         self.leave()
         for last in (False, True):
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(patience)
+                self._process.wait(timeout)
                 self._answers = -1
                 self._pipes[1].close()
                 return True

@@ -74,12 +74,12 @@ class Feed(ABC):
         return ""
 
     @abstractmethod
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         """Receive poses, in order of arrival.
 
         Parameters
         ----------
-        patience : float
+        timeout : float
             Longest time to wait for the first pose [s].
 
         Yields
@@ -109,9 +109,9 @@ class TransformedFeed(Feed):
     def transform(self, pose: RawPose) -> RawPose:
         """Return the transformed pose; an impossible one is passed on unchanged, for the filter to reject."""
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         """Receive poses from the feed, and transform them."""
-        for one in self._feed.receive(patience):
+        for one in self._feed.receive(timeout):
             yield one if isinstance(one, RejectedPose) or not one.valid else self.transform(one)
 
     @property

@@ -71,9 +71,9 @@ class PoseFilter:
         self._intervals: deque[float] = deque(maxlen=_LENGTH)
         self._delays: deque[float] = deque(maxlen=_LENGTH)
 
-    def listen(self, patience: float) -> None:
-        """Process the messages that arrive within `patience` [s]."""
-        for one in self._feed.receive(patience):
+    def listen(self, timeout: float) -> None:
+        """Process the messages that arrive within `timeout` [s]."""
+        for one in self._feed.receive(timeout):
             if isinstance(one, RejectedPose):
                 self.refused[one.why] += 1
             else:
