@@ -173,13 +173,13 @@ def test_pointer_never_torn(shared: SharedMemory) -> None:
     with _writing(shared, write):
         seen, last = 0, 0.0
         while seen < 50_000:
-            held, p, q, stamp, patience = shared.pointer.read_hand_goal()
+            held, p, q, stamp, keep_alive = shared.pointer.read_hand_goal()
             if stamp == 0.0:  # nothing was written yet
                 continue
             seen += 1
             assert (p == stamp).all()
             assert (q == stamp).all()
-            assert patience == stamp
+            assert keep_alive == stamp
             assert held == bool(stamp % 2)
             assert stamp >= last
             last = stamp

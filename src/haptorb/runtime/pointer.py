@@ -103,7 +103,7 @@ class PointerTracker(Tracker):
         if self.waits and self._last is None:
             self.waits = self._signals is not None and not self._signals.begun
             self._released = now
-        goal, patience = self._find(now)
+        goal, keep_alive = self._find(now)
         if isinstance(self._guide, ScriptedMotion):
             bits, grip, t = 0, np.nan, np.nan
             if self._last is None:
@@ -114,9 +114,9 @@ class PointerTracker(Tracker):
             if self._signals is not None:
                 self._signals.write(bits, grip, t)
             goal = replace(goal, grip=grip)
-        if not patience:
+        if not keep_alive:
             return goal
-        return replace(goal, stamp=max(goal.stamp, min(now, goal.stamp + patience)))
+        return replace(goal, stamp=max(goal.stamp, min(now, goal.stamp + keep_alive)))
 
     def pose(self, now: float) -> Pose:
         """Return the pointer as the pose of a real tool: valid only while held, as old as its last message."""
@@ -128,7 +128,7 @@ class PointerTracker(Tracker):
             pointed = self._source.read_hand_goal()
             if pointed.held:
                 self._last, self._released = (pointed.p, pointed.q), now
-                return HandGoal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
+                return HandGoal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.keep_alive
         guide, since, still = self._guide, _since(now, self._released), False
         if since >= (guide.duration if self._last is None else _RELEASE_TIME_S):
             (p, q), still = self._rest, guide.relaxes

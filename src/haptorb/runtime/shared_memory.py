@@ -373,7 +373,7 @@ def _read_command(floats: memoryview[float], at: int) -> _Command:
 # The host's hand goal in shared memory, protected by a sequence lock.
 
 
-HAND_GOAL_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, patience
+HAND_GOAL_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, keep_alive
 
 
 class HostHandGoal(NamedTuple):
@@ -383,7 +383,7 @@ class HostHandGoal(NamedTuple):
     p: Array  #: (3,) [m], frame S
     q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
     stamp: float  #: time of the message on the computer's monotonic clock [s]
-    patience: float = 0.0  #: keep-alive: a simulated hand stays there for so long without a new message [s]
+    keep_alive: float = 0.0  #: keep-alive: a simulated hand stays there for so long without a new message [s]
 
 
 class HandGoalSource(ABC):
@@ -402,12 +402,12 @@ class HandGoalBlock(HandGoalSource):
         self._words = SeqlockWords(words, floats, at, HAND_GOAL_BLOCK_WORDS)
         self._latest = HostHandGoal(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 
-    def write(self, held: bool, p: Array, q: Array, stamp: float, patience: float = 0.0) -> None:
+    def write(self, held: bool, p: Array, q: Array, stamp: float, keep_alive: float = 0.0) -> None:
         """Write the hand goal, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the single writer.
 
-        A simulated hand stays there for `patience` [s] without a new message.
+        A simulated hand stays there for `keep_alive` [s] without a new message.
         """
-        self._words.write(held, (*p.tolist(), *q.tolist(), stamp, patience))
+        self._words.write(held, (*p.tolist(), *q.tolist(), stamp, keep_alive))
 
     def read_hand_goal(self) -> HostHandGoal:
         """Return the last hand goal; if a write is in progress, the one before."""

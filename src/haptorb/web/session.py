@@ -376,7 +376,7 @@ class PointerRelay:
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
         self._simulated, self._grace = servo.driver == "sim", hang_timeouts_for(servo.driver).worker
-        self._patience = _STARVATION_S if self._simulated else 0.0
+        self._keep_alive = _STARVATION_S if self._simulated else 0.0
         self._last: tuple[Array, Array | None, float] | None = None  # the dragged pose, and when it was received
         self._release_time = 0.0  # time of the release [s]
         self._resting: tuple[Array, Array | None] | None = None
@@ -386,7 +386,7 @@ class PointerRelay:
 
     def point(self, pointer: PointerMessage) -> None:
         """Forward a pointer that moved or was released at `pointer.p`."""
-        self._servo.hand.point(pointer.p, pointer.q, patience=self._patience)
+        self._servo.hand.point(pointer.p, pointer.q, patience=self._keep_alive)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         if not pointer.held:
@@ -398,10 +398,10 @@ class PointerRelay:
     def refresh(self) -> None:
         """Refresh a hand at rest, or one whose page stutters; call it more often than the device's expiry."""
         if self._resting is not None:
-            self._servo.hand.point(*self._resting, patience=self._patience)
+            self._servo.hand.point(*self._resting, patience=self._keep_alive)
         elif self._last is not None:
             if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
-                self._servo.hand.point(self._last[0], self._last[1], patience=self._patience)
+                self._servo.hand.point(self._last[0], self._last[1], patience=self._keep_alive)
             else:
                 self.drop()
 

@@ -119,7 +119,7 @@ def test_guided_until_held_then_back_to_rest() -> None:
 def test_a_simulated_hand_is_as_patient_as_its_word() -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
-    hand.now = HostHandGoal(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, patience=0.3)
+    hand.now = HostHandGoal(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, keep_alive=0.3)
     assert [tracker.goal(t).stamp for t in (4.0, 4.2, 4.3, 9.0)] == [4.0, 4.2, 4.3, 4.3]
     assert tracker.goal(3.9).stamp == 4.0, "said after the tick began"
 

@@ -43,7 +43,7 @@ def test_held_it_says_place_turn_time_and_velocity() -> None:
 
 def test_a_pointer_that_falls_silent_grows_old() -> None:
     source = Source()
-    source.said = HostHandGoal(True, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0, 0, 1]), 1.0, patience=1.0)
+    source.said = HostHandGoal(True, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0, 0, 1]), 1.0, keep_alive=1.0)
     pose = PointerTracker(source).pose
-    assert pose(1.2).t == 1.0, "patience is for simulated hands"
+    assert pose(1.2).t == 1.0, "the keep-alive is for simulated hands"
     assert pose(9.0).t == 1.0
