@@ -31,7 +31,7 @@ from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.estimation.hall_pose_fit import position_accuracy
 from haptorb.magnetics.coil import COPPER_DENSITY, Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, dipole_on_charges
-from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums, weigh_charges
+from haptorb.magnetics.soft_sphere import add_response_wrench, harmonic_sums, response_to_charges, weigh_charges
 from haptorb.rotations import rotation_from_euler
 from haptorb_design.problem import DesignCandidate, DesignQuantity, Sense
 
@@ -617,9 +617,9 @@ def _find_core_force(device: SphericalElectromagnet, state: State) -> Array:
     sums = np.empty(((order + 2) * (order + 3) // 2, 2))
     harmonic_sums(np.ascontiguousarray(placed), core.radius, order, sums)
     shares = weigh_charges(core, order)
-    answers, wrench = np.empty((1, len(shares), 2)), np.zeros((6, 1))
-    answer_to_charges(sums, shares, answers)
-    add_answers(sums, answers, core.radius, order, p, wrench)
+    responses, wrench = np.empty((1, len(shares), 2)), np.zeros((6, 1))
+    response_to_charges(sums, shares, responses)
+    add_response_wrench(sums, responses, core.radius, order, p, wrench)
     force: Array = wrench[:3, 0]
     return force
 

@@ -309,18 +309,6 @@ _PHYSICS_STEP_S = 1e-3  #: step of its physics: nothing moves, and currents and 
 _RESPONSE_TIMEOUT_S = 0.05  #: response timeout of the device: one late answer must not end six minutes of heating
 
 
-@dataclass(frozen=True)
-class _ClampedHand:
-    """A hand that holds the tool at rest, upright."""
-
-    p: Array
-    q: Array
-    stamp: float = 0.0
-    held: bool = False
-    still: bool = False
-    grip: float = math.nan
-
-
 def make_driver(
     name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: bool = True
 ) -> tuple[Driver, Pace]:
@@ -341,12 +329,13 @@ def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> Non
     """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; with a real
     device the user does."""
     from haptorb.runtime.drivers.sim import SimDriver
+    from haptorb.runtime.trackers.base import HandGoal
     from haptorb.simulation.hand_motion import lead_tool
 
     if isinstance(driver, SimDriver):
         if hand == "led":
-            driver.goal = lambda now: _ClampedHand(*lead_tool(device, now), now)
+            driver.goal = lambda now: HandGoal(*lead_tool(device, now), now, False)
             return
         height = device.contact_distance if hand == "summit" else 0.5
-        held = _ClampedHand(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]))
+        held = HandGoal(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
         driver.goal = lambda now: held

@@ -174,7 +174,7 @@ def check_windings(
 def find_opposing_field(device: SphericalElectromagnet) -> float:
     """Greatest field [T] of all coils at their peak, each in its worse sense, against the tool's magnet.
 
-    At its lower face, in contact anywhere in the workspace, the tool radial or leaning to any side. The core's answer
+    At its lower face, in contact anywhere in the workspace, the tool radial or leaning to any side. The core's response
     to the magnet itself helps it, and is left out.
     """
     places, axes = [], []
@@ -196,7 +196,7 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
     """(k,) upper bound of the reading of an axis of each field sensor [T].
 
     Of a tool in contact anywhere in the workspace, radial or leaning by GREATEST_LEAN to any side, and all coils at the
-    current that the supply drives: the magnet by charges on its faces, the core's answer to it as a dipole.
+    current that the supply drives: the magnet by charges on its faces, the core's response to it as a dipole.
     """
     tool, at = device.tool, device.hall.positions
     azimuth = np.arctan2(at[:, 1], at[:, 0])
@@ -219,10 +219,10 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
         for apart in (x, y, z):
             greatest = np.maximum(greatest, np.abs((strength * apart).sum(axis=2)).max(axis=1))
     per_ampere, away = device.coil_fields(at), np.linalg.norm(at, axis=1)[:, None, None]
-    # the core's answer to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
+    # the core's response to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
     at_core = MU0 * tool.moment / (2 * np.pi * (device.contact_distance * np.cos(GREATEST_LEAN)) ** 3)
-    answer = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
-    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + answer
+    response = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
+    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + response
     return found
 
 

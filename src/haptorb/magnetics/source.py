@@ -23,8 +23,8 @@ __all__ = ["PlacedSource", "RoundBody", "SheetStack", "Source", "length", "tenso
 class Source(ABC):
     """Magnet, coil or dipole with a magnetic field; base class of every shape.
 
-    In its own frame: centre at the origin, axis along +z. Coils answer per ampere. A subclass implements `field`,
-    `field_gradient` and `moment`.
+    In its own frame: centre at the origin, axis along +z. Values of coils are per ampere. A subclass implements
+    `field`, `field_gradient` and `moment`.
     """
 
     @abstractmethod
