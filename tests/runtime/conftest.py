@@ -97,7 +97,7 @@ class FakeChain:
     def prepare(self, now: float) -> None:
         pass
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         pass
 
     def step(self, row: Any, now: float) -> None:

@@ -226,7 +226,7 @@ class Linkage(Stateful, ABC):
         """Wrench of `world` on the hand with the mover at `mover`; one call per tick."""
 
     @abstractmethod
-    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+    def fill_mover_wrench(self, object_wrench: Array, wrench: Array) -> None:
         """Fill `wrench` (6,) on the mover [N, N·m] for `object_wrench` (6,), a part of the last `render`'s wrench on
         the object."""
 
@@ -262,7 +262,7 @@ class Direct(Linkage):
         wrench = world.wrench(mover)
         return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
-    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+    def fill_mover_wrench(self, object_wrench: Array, wrench: Array) -> None:
         """`wrench` (6,) becomes `object_wrench` (6,) itself [N, N·m]: object and mover are the same body."""
         wrench[:] = object_wrench
 
@@ -597,7 +597,7 @@ class ModedLinkage(Linkage):
         fill_rotor_wrench(memory, known, self._scale, wrench)
         return RenderedWrench(wrench, body, object_wrench, contacts, _NUMBERS[self._mode], share, self._engaged)
 
-    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+    def fill_mover_wrench(self, object_wrench: Array, wrench: Array) -> None:
         """Fill `wrench` (6,) with the torque for `object_wrench` (6,), a part of the object's wrench [N, N·m]."""
         fill_rotor_wrench(self._memory, object_wrench, self._scale, wrench)
 

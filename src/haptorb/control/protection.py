@@ -247,7 +247,7 @@ class Protection(Stateful):
         self.state["heat"]["started"] = False
         self.coils["load"] = 0.0
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         """Exclude the lateness of the next tick from the overrun count; for a device that is simulated."""
         self.state["clock"]["excused"] = True
 

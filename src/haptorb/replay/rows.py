@@ -84,7 +84,7 @@ class UnpackedRows:
             last = min(first + _UNPACKED_ROWS_PIECE, len(self._rows))
             self._rows[first:last] = self._recording.read(first, last, self._names)
 
-    def take(self) -> Array:
+    def wait_for_rows(self) -> Array:
         """Wait for all rows and return them, (n, width), each value in the unit [SI] of its field.
 
         Raises RecordingError where the file is damaged.
@@ -149,7 +149,7 @@ class PlayedRows:
         if not self._keeps:
             return None
         if self._unpacked is not None:
-            return self._unpacked.take()
+            return self._unpacked.wait_for_rows()
         return self._recording.read(0, len(self), self._names)
 
     @cached_property

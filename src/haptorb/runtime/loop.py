@@ -186,7 +186,7 @@ class Loop:
             chain.prepare(deadline)
             now, lateness, skipped = clock.wait()
             if skipped and (deadline == following or self._work < period):  # not caused by a tick's own work
-                chain.excuse_lateness()
+                chain.exclude_next_lateness()
             if self.end_signal or words[Word.QUIT]:
                 return None
             if skipped * period > _STANDSTILL_NS:  # the same cause delayed the host's heartbeat

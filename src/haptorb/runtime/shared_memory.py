@@ -396,7 +396,7 @@ class HandGoalSource(ABC):
 
 @final
 class HandGoalBlock(HandGoalSource):
-    """Eleven words at `at`, seen both as integers and as floats."""
+    """Hand goal in shared memory: `HAND_GOAL_BLOCK_WORDS` words from the word `at` on."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
         self._words = SeqlockWords(words, floats, at, HAND_GOAL_BLOCK_WORDS)

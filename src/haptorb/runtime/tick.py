@@ -602,11 +602,11 @@ class Tick(Stateful):
             self.driver.cool()
             self.protection.restart_heat()
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         """Exclude a late wake-up by the computer from the guard's limits on a simulated device; a real one may trip."""
         if self.driver.simulated:  # safety: excuse-simulated
             self._log.record(TickCommand.EXCUSE)
-            self.protection.excuse_lateness()
+            self.protection.exclude_next_lateness()
 
     def prepare(self, now: float) -> None:
         """Let the driver do its work before the tick at `now` [s]."""
@@ -714,7 +714,7 @@ class Tick(Stateful):
             # Copied: a user's array in another memory layout would cause a compilation in the middle of a tick.
             self._rendered[...], self._object_wrench[...] = rendered.wrench, rendered.object_wrench
             if bound is not None and bound.takes_commands:
-                self.linkage.bring_back(bound.commanded, commanded)
+                self.linkage.fill_mover_wrench(bound.commanded, commanded)
             if self.part.is_open:
                 self.part.follow()
             return rendered
@@ -840,7 +840,7 @@ class Chain(Protocol):
     def joining(self) -> Joining:
         """The linkage between the mover and the world's object."""
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         """Report that the next step is late because of a late wake-up, not because a step took too long."""
 
     def prepare(self, now: float) -> None:
