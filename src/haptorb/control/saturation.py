@@ -138,7 +138,7 @@ def scale_to_limits(
         for j in range(m):
             active[i] += matrix[i, j] * currents[j]
     share = min(_share_within(passive, active, 0, limits.force), _share_within(passive, active, 3, limits.torque))
-    if share < 1.0:  # safety: side-force-is-limited
+    if share < 1.0:  # safety: accompanying-force-is-limited
         scale *= share
         reason = _ALONG
         for j in range(m):
