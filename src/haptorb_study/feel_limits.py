@@ -1,7 +1,8 @@
 """Limits of the torque scale of a feel session: stability check, and the device's torque limit.
 
 The check covers the workspace and takes seconds per design, so it runs in a process of its own at low priority,
-while the first design is being rendered.
+while the first design is being rendered. This module stands outside `feel` because every start of `haptorb` loads
+`feel_cli`, and importing that package takes seconds.
 """
 
 from __future__ import annotations
