@@ -37,11 +37,10 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
 from haptorb.estimation.registry import make_estimator
-from haptorb.estimation.types import Estimator, Pose, Sample
+from haptorb.estimation.types import Estimator, HandGoal, Pose, Sample
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.base import Simulation
 from haptorb.simulation.coil_array import SimulatedCoilArray
 from haptorb.simulation.electromagnet import SimulatedElectromagnet

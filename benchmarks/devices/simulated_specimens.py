@@ -24,9 +24,9 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
+from haptorb.estimation.types import HandGoal
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation import motor_specimen
 from haptorb.simulation.coil_array_specimen import draw_coils, draw_strength, fill_array_truth, make_array_truth
 from haptorb.simulation.electromagnet_specimen import draw_electromagnet, fill_truth

@@ -30,12 +30,12 @@ import numpy as np
 
 from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.loader import load
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.shared_memory import Phase, SharedMemory
-from haptorb.runtime.trackers.base import HandGoal, Tracker
+from haptorb.runtime.trackers.base import Tracker
 from haptorb.runtime.world_requests import description
 from haptorb.serve import base, haply_protocol
 from haptorb.serve.base import ServedDevice

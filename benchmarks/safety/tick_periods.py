@@ -25,9 +25,9 @@ from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds.base import World
 
 MS = 1e-3

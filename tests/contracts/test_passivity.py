@@ -12,12 +12,12 @@ from haptorb.control.registry import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds.base import World
 
 HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}

@@ -23,11 +23,11 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.registry import simulate
 from haptorb.worlds.dynamic import BoundWorld
 from haptorb.worlds.scene import Scene

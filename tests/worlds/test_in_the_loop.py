@@ -10,9 +10,9 @@ from haptorb.control.registry import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds import Button, Friction
 
 DT = 1e-3

@@ -20,7 +20,7 @@ import numpy as np
 
 from haptorb.analysis.stability import HandGrip
 from haptorb.arrays import Array
-from haptorb.runtime.trackers.base import HandGoal
+from haptorb.estimation.types import HandGoal
 from haptorb.worlds.path import GuidancePath
 from haptorb.worlds.path_guidance import fill_frame, find_arc, follow_arc
 

@@ -327,8 +327,8 @@ def make_driver(
 def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> None:
     """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; with a real
     device the user does."""
+    from haptorb.estimation.types import HandGoal
     from haptorb.runtime.drivers.sim import SimDriver
-    from haptorb.runtime.trackers.base import HandGoal
     from haptorb.simulation.hand_motion import lead_tool
 
     if isinstance(driver, SimDriver):

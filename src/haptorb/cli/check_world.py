@@ -30,11 +30,10 @@ from haptorb.errors import InputError
 from haptorb.estimation.hall_tracker import memory
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.notebook import NotebookReport
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.terminal import Column, TextTable, make_console, print_table, print_text
 from haptorb.worlds.base import World, WrenchPart, check_part

@@ -8,10 +8,10 @@ from typing import final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.rotations import rotation_of
 from haptorb.runtime.shared_memory import HandGoalSource, HandSignals
-from haptorb.runtime.trackers.base import HandGoal, Tracker
+from haptorb.runtime.trackers.base import Tracker
 from haptorb.simulation.hand_motion import DomeMotion, GuidedMotion, ScriptedMotion
 
 __all__ = ["PointerPose", "PointerTracker"]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from haptorb.devices.base import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.base import Simulation
 from oracles.repetitions import repetitions
 

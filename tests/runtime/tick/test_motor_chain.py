@@ -12,13 +12,13 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.registry import check_estimator, list_estimators, make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.hand_motion import handle_quaternion
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds import Nothing, Outlet, SnapFit

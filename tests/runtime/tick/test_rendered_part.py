@@ -12,11 +12,10 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.types import TrackedPose
+from haptorb.estimation.types import HandGoal, TrackedPose
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds.base import World
 from haptorb.worlds.user_world import FunctionWorld
 

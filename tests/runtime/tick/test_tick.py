@@ -12,12 +12,11 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.estimation.types import TrackedPose
+from haptorb.estimation.types import HandGoal, TrackedPose
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.linux import TickTimeout
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.worlds.base import World
 
 OMNI = replace(load("omni"), tolerance=None)  # simulated as its file says

@@ -24,11 +24,10 @@ from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import Grasp
 from haptorb.estimation.network import networks_path
 from haptorb.estimation.registry import make_estimator
-from haptorb.estimation.types import Estimate, Estimator, Sample
+from haptorb.estimation.types import Estimate, Estimator, HandGoal, Sample
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.hand_motion import handle_quaternion
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds.snap_fit import PublishedOutlet

@@ -18,9 +18,9 @@ from haptorb.arrays import Array
 from haptorb.devices.api import electromagnet
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
+from haptorb.estimation.types import HandGoal
 from haptorb.magnetics.dipole import MU0
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Drawing
 

@@ -16,10 +16,9 @@ from haptorb.control.missed_deadlines import silence_of
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, InputError
-from haptorb.estimation.types import Pose, Sample
+from haptorb.estimation.types import HandGoal, Pose, Sample
 from haptorb.rotations import quaternion
 from haptorb.runtime.drivers.base import Driver
-from haptorb.runtime.trackers.base import HandGoal
 from haptorb.simulation.base import Simulation
 from haptorb.simulation.hand_motion import RelaxedHand
 from haptorb.simulation.registry import simulate

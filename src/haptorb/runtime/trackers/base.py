@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from math import nan
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from haptorb.arrays import Array, record
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 
 if TYPE_CHECKING:
     from haptorb.estimation.tracker_frame import TrackerFrame
@@ -16,7 +14,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Feed",
     "FramedFeed",
-    "HandGoal",
     "RawPose",
     "RejectedPose",
     "Tracker",
@@ -146,26 +143,6 @@ class FramedFeed(TransformedFeed):
 #
 # For a simulated device the tracker supplies the goal of the simulated hand (`goal`), for a real device the pose of the
 # real tool (`pose`). Both have a timestamp, and both may be unknown: no tracker ever makes one up.
-
-
-@record
-class HandGoal:
-    """Goal of the simulated hand for the tool, with its timestamp.
-
-    p      (3,) tool's magnet centre [m], frame S
-    q      (4,) quaternion (x, y, z, w) of R_SR
-    stamp  time of the goal on the loop's clock [s]: a pointer that is no longer refreshed ages
-    held   the user holds the pointer; False: the guided motion
-    still  the guided motion is over, and the hand rests: it yields to forces
-    grip   opening to which thumb and finger of a gripper move [m]; NaN: they are relaxed
-    """
-
-    p: Array
-    q: Array
-    stamp: float
-    held: bool
-    still: bool = False
-    grip: float = nan
 
 
 class Tracker(ABC):

@@ -9,9 +9,9 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
 from haptorb.errors import InputError
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.runtime.shared_memory import PoseBlock
-from haptorb.runtime.trackers.base import HandGoal, Tracker
+from haptorb.runtime.trackers.base import Tracker
 
 __all__ = ["MAX_PREDICTION_S", "PREDICTION", "FeedTracker", "check_prediction"]
 
