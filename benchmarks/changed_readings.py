@@ -30,9 +30,9 @@ class ChangedReadings(Simulation):
         """As the true one."""
         self._simulation.advance(dt, duties, goal_p, goal_q)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """As the true one."""
-        return self._simulation.truth()
+        return self._simulation.wrench_actual()
 
     def state(self) -> State:
         """As the true one."""

@@ -37,11 +37,10 @@ from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
 from haptorb.estimation.registry import make_estimator
-from haptorb.estimation.types import Estimator, Pose, Sample
+from haptorb.estimation.types import Estimator, HandGoal, Pose, Sample
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.base import Simulation
 from haptorb.simulation.coil_array import SimulatedCoilArray
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
@@ -229,7 +228,7 @@ def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> A
     A wrench that turns comes late: the true one is held against what a loop without errors gives, the mean over a tick
     of currents that go exponentially from the last tick's to this one's.
     """
-    goal = Goal(trial.p, quaternion(trial.R), 0.0, False)
+    goal = HandGoal(trial.p, quaternion(trial.R), 0.0, False)
     driver = SimDriver(trial.simulation, 1 / RATE, lambda now: goal, seed=seed)
 
     def ask(tick: int) -> Array:
@@ -243,7 +242,7 @@ def run_loop(device: Device, estimator: Estimator, trial: Trial, seed: int) -> A
     with driver:
         for number in range(TICKS):
             tick.step(row, number / RATE)
-        total = driver.truth()
+        total = driver.wrench_actual()
     if tick.protection.tripped or not row[tick.layout["gain"]] >= 1.0:
         raise NoWrench(tick.protection.reason.name)
     # The last read advanced the device under the duties of the tick before.

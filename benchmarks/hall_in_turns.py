@@ -57,7 +57,7 @@ class _Run:
         self.emulated.place(*self.goal)
         self.emulator = Emulator(BUILD, Path(folder, "port"), physics=self.emulated)
         self.driver = SerialDriver(
-            device, self.emulator.port, patience=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * pace
+            device, self.emulator.port, timeout=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * pace
         )
         self.driver.open()
         self.emulator.set_pace(pace)

@@ -144,7 +144,7 @@ BREAKS = (
     Break(
         "Torque is limited",
         "pytest tests/runtime/tick/test_rendered_part.py tests/control/allocation/test_whole_wrench.py",
-        "what-comes-along-is-limited",
+        "accompanying-force-is-limited",
     ),
     Break("Heat, slew, ramps and expiry", TICK_PERIODS, "windings-heat-by-the-clock", "--seconds 20"),
     Break("A loop that misses more", TICK_PERIODS, "missed-deadlines-trip", "--seconds 5"),

@@ -602,8 +602,8 @@ RULES = [
     ("damping-brakes-turns", "damping brakes turns", "replace . by {target} += {value}", PART_TESTS),
     ("turns-are-counted", "the energy of a rendered torque is counted", "drop", PART_TESTS),
     (
-        "what-comes-along-is-limited",
-        "a force that comes along with a torque is limited as one that is asked",
+        "accompanying-force-is-limited",
+        "the accompanying force of a torque is limited as a commanded one",
         "never",
         "tests/control/allocation/test_whole_wrench.py",
     ),

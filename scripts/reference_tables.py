@@ -69,7 +69,7 @@ def world_table() -> str:
         if world.remembers:
             fields = ", ".join(f"{one.name} [{one.unit}]" for one in world().memory_fields)
             first += f" It remembers: {fields}."
-        devices = " For devices that move a target (motors)." if world.needs_target else ""
+        devices = " For devices that move an object (motors)." if world.needs_object else ""
         parts.append(
             f"## {name}\n\n{first} Declared {' and '.join(traits)}.{asks}{devices} "
             f"Class `{world.__module__}.{world.__name__}`.\n"

@@ -24,9 +24,9 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.loader import load
 from haptorb.devices.motor import SphericalMotor
+from haptorb.estimation.types import HandGoal
 from haptorb.rotations import quaternion, rotation_from_euler
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation import motor_specimen
 from haptorb.simulation.coil_array_specimen import draw_coils, draw_strength, fill_array_truth, make_array_truth
 from haptorb.simulation.electromagnet_specimen import draw_electromagnet, fill_truth
@@ -126,11 +126,11 @@ def time_driver(device: Device, rate: float) -> float:
     """Time of reading and writing in a tick while the hand moves [µs]: the least of ten medians."""
     rest, times, still = device.rest_position, np.empty(TICKS), np.zeros(device.channels)
 
-    def goal(now: float) -> Goal:
+    def goal(now: float) -> HandGoal:
         away = 0.01 * np.array([np.sin(9 * now), np.cos(7 * now), 0.0])
         if isinstance(device, SphericalMotor):
-            return Goal(np.zeros(3), quaternion(rotation_from_euler(20 * away[0], 20 * away[1], 0.0)), now, False)
-        return Goal(rest + away, np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+            return HandGoal(np.zeros(3), quaternion(rotation_from_euler(20 * away[0], 20 * away[1], 0.0)), now, False)
+        return HandGoal(rest + away, np.array([0.0, 0.0, 0.0, 1.0]), now, False)
 
     with SimDriver(simulate(device, 0), 1.0 / rate, goal, seed=0) as driver:
         for n in range(TICKS):

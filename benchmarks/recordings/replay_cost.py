@@ -21,7 +21,7 @@ import numpy as np
 from haptorb.devices.loader import load
 from haptorb.runtime import tick as module
 from haptorb.runtime.assembly import assemble
-from haptorb.runtime.black_box import EVERY
+from haptorb.runtime.black_box import SNAPSHOT_INTERVAL_TICKS
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.shared_memory import SLOTS
@@ -78,13 +78,13 @@ def measure_device(name: str, ticks: int) -> dict[str, float]:
             taken.copy_to(places[number % SLOTS])
             saved.append(perf_counter() - begin)
     whole, less, state = (1e6 * float(np.percentile(one, 10)) for one in (times[True], times[False], saved))
-    cost = whole - less + state / EVERY
+    cost = whole - less + state / SNAPSHOT_INTERVAL_TICKS
     return {
         "tick_us": whole,
         "fields_us": whole - less,
         "snapshot_us": state,
         "snapshot_bytes": taken.size,
-        "state_us": state / EVERY,
+        "state_us": state / SNAPSHOT_INTERVAL_TICKS,
         "share": cost / (whole - cost),
     }
 

@@ -30,19 +30,19 @@ import numpy as np
 
 from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.loader import load
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.shared_memory import Phase, SharedMemory
-from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.runtime.trackers.base import Tracker
 from haptorb.runtime.world_requests import description
 from haptorb.serve import base, haply_protocol
 from haptorb.serve.base import ServedDevice
 from haptorb.serve.haply import reply
 from haptorb.serve.haply_protocol import Service
 from haptorb.worlds import Dome, Fluid, Remote
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 
 DT = 1e-3
 GAPS = (0, 0, 1, 1, 2, 7)  #: ticks between two events
@@ -60,8 +60,8 @@ TURNS = [(0, 0, 0, 1), (0, 0, 1, 0), (1, 0, 0, 0), (0.5, 0.5, 0.5, 0.5), (0, 0, 
 class Hand(Tracker):
     """Rests at one place and gives way to what pushes it: it never moves the tool by itself."""
 
-    def goal(self, now: float) -> Goal:
-        return Goal(np.array(PLACE), np.array([0.0, 0.0, 0.0, 1.0]), now, False, still=True)
+    def goal(self, now: float) -> HandGoal:
+        return HandGoal(np.array(PLACE), np.array([0.0, 0.0, 0.0, 1.0]), now, False, still=True)
 
     def pose(self, now: float) -> Pose:
         raise AssertionError("a simulated hand has a goal; only a real device is asked for its pose")
@@ -79,8 +79,8 @@ class Client:
 
     def own_force(self, now: float) -> Any:
         """What its own last command alone would be, for as long as a command lasts."""
-        late = max(now - self.since - HOLD, now - self.lost if self.lost else 0.0)
-        return self.own * min(max(1.0 - late / FADE, 0.0), 1.0)
+        late = max(now - self.since - HOLD_TIME_S, now - self.lost if self.lost else 0.0)
+        return self.own * min(max(1.0 - late / FADE_TIME_S, 0.0), 1.0)
 
 
 class Setting:
@@ -219,7 +219,7 @@ class Setting:
             else:
                 self.other.command(self.other_session, wish, arrival=now - late)
                 stator = wish
-            if late < HOLD:
+            if late < HOLD_TIME_S:
                 client.own, client.since, client.lost = np.array(stator), now - late, 0.0
 
     def step(self) -> None:

@@ -66,7 +66,7 @@ class DrivenDevice:
         if self._ticks == 0:
             self.protection.engage()
         self._ticks += 1
-        held = c["held"].copy()
+        held = c["current_commanded"].copy()
         rises[:] = self._step @ np.concatenate([rises, held**2 * device.coils.resistance_at(heat.ambient + rises[:m])])
         volts = held * c["cold"] * (1.0 + c["coefficient"] * (c["winding"] - c["reference"]))
         sample = Sample(0.0, held, heat.ambient + rises[m : 2 * m], np.zeros((0, 3)), self._pose, 0.0)

@@ -76,11 +76,11 @@ class Lying(Driver):
     def write(self, duties):
         return self.inner.write(duties)
 
-    def truth(self):
-        return self.inner.truth()
+    def wrench_actual(self):
+        return self.inner.wrench_actual()
 
-    def target(self):
-        return self.inner.target()
+    def hand_goal(self):
+        return self.inner.hand_goal()
 
 
 def imperfect(device: Device) -> Device:

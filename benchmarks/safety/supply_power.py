@@ -153,7 +153,7 @@ def try_guard(device: Device, count: int, draw: Draw) -> tuple[float, float, int
         wanted = 1.5 * draw.uniform(-1, 1, device.channels) * device.coils.current_limit
         for _ in range(20):  # until the slew limit has let it through
             limit_currents(guard[0], heat[0], coils, wanted, True, False)
-            share = float(hot @ coils["held"] ** 2) / limit
+            share = float(hot @ coils["current_commanded"] ** 2) / limit
             most, met = max(most, share), met + (share > 0.999)
     return most, 0.0, met
 

@@ -25,9 +25,9 @@ from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds.base import World
 
 MS = 1e-3
@@ -53,7 +53,7 @@ def try_case(steps: tuple[int, ...], seconds: float) -> tuple[float, float, floa
     """(most by which the observed winding is below the simulated one [K], greatest winding above stop [K], longest time
     to OVERRUN [s], its count) while ticks last `steps` [ms] in turn."""
     device = load("omni")
-    goal = Goal(np.array([0.0, 0.0, device.contact_distance]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
+    goal = HandGoal(np.array([0.0, 0.0, device.contact_distance]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
     driver = SimDriver.of(device, MS, lambda now: goal)
     tick = Tick(
         device,

@@ -248,7 +248,7 @@ class _Block:
         self._memory = np.zeros(0, dtype=np.uint8)
         self._given = 0  # allocated bytes
 
-    def take(self, size: int) -> NDArray[np.uint8]:
+    def allocate(self, size: int) -> NDArray[np.uint8]:
         """Allocate (size,) bytes, zero; directly after those of the last call if they fit."""
         if self._given + size > self._memory.size:
             memory = np.zeros(max(_BLOCK, size) + _LINE, dtype=np.uint8)
@@ -291,7 +291,7 @@ def state_zeros(shape: int | tuple[int, ...], dtype: Any = np.float64) -> NDArra
     if block is None:
         return np.zeros(shape, dtype)
     kind, lengths = np.dtype(dtype), (shape,) if isinstance(shape, int) else shape
-    return np.ndarray(lengths, kind, block.take(kind.itemsize * prod(lengths)))
+    return np.ndarray(lengths, kind, block.allocate(kind.itemsize * prod(lengths)))
 
 
 def make_block(

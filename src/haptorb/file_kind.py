@@ -16,7 +16,7 @@ from haptorb.files import open_regular, parse_json, parse_toml
 
 __all__ = ["FileKind", "find_kind"]
 
-_HEAD = 256 * 1024  #: bytes that are examined; more than the longest text file that a person writes
+_HEAD_BYTES = 256 * 1024  #: bytes that are examined; more than the longest text file that a person writes
 _SQLITE = b"SQLite format 3\0"
 _DATABASE_TIMEOUT_S = 0.5  #: timeout of reading a database's list of tables
 
@@ -59,7 +59,7 @@ class FileKind(Enum):
 
     def explain_other(self, path: str | Path, head: bytes) -> str:
         """Explain why the file `path`, which begins with `head`, is of another kind; "" if it may be of this one."""
-        found = _find(head[:_HEAD], Path(path))
+        found = _find(head[:_HEAD_BYTES], Path(path))
         if found in (None, self) or (found is FileKind.EMPTY_DATABASE and self in _DATABASES):  # safety: kind-told
             return ""
         return self.explain_found(path, found)
@@ -107,7 +107,7 @@ def find_kind(path: str | Path) -> FileKind | None:
     place = Path(path)
     try:
         with open_regular(place, "file", HaptorbError) as file:
-            head = file.read(_HEAD)
+            head = file.read(_HEAD_BYTES)
     except HaptorbError:
         return None
     return _find(head, place)

@@ -52,7 +52,7 @@ __all__ = [
 ]
 
 
-_TOML = 256 * 1024  #: bytes of a TOML file
+_MAX_TOML_BYTES = 256 * 1024  #: bytes of a TOML file
 _MAX_DEPTH = 16  #: nesting depth of tables and lists
 _MAX_KEY_PARTS = 64  #: parts of a dotted key: parsing time grows with their square
 _DOTTED = re.compile(r"[\w\"'-]+(?:[ \t]*\.[ \t]*[\w\"'-]+)*")
@@ -124,7 +124,11 @@ def read_bytes(
 
 
 def read_text(
-    path: str | Path, what: str, error: type[HaptorbError], most: int = _TOML, kind: RecognisedKind | None = None
+    path: str | Path,
+    what: str,
+    error: type[HaptorbError],
+    most: int = _MAX_TOML_BYTES,
+    kind: RecognisedKind | None = None,
 ) -> str:
     """Return the UTF-8 text of the file `path`, without a byte order mark. Raises `error` as `read_bytes` does, and if
     it is not text or has another encoding."""
@@ -146,8 +150,8 @@ def read_text(
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Parse TOML into tables. Raises ValueError (one line) if it is invalid or nested too deeply."""
-    if len(text) > _TOML:
-        raise ValueError(f"it is longer than {_TOML} characters")
+    if len(text) > _MAX_TOML_BYTES:
+        raise ValueError(f"it is longer than {_MAX_TOML_BYTES} characters")
     if any(found.group().count(".") > _MAX_KEY_PARTS for found in _DOTTED.finditer(text)):
         raise ValueError(f"a key has more than {_MAX_KEY_PARTS} parts")
     try:
@@ -321,7 +325,7 @@ _HIDDEN = re.compile(
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029]")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 _NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
-_NAME = 64  #: characters of a name, at most
+_MAX_NAME_LENGTH = 64  #: characters of a name, at most
 
 
 def visible(text: str) -> str:
@@ -356,9 +360,11 @@ def foreign_name(value: object) -> str:
     >>> foreign_name("ball.place"), foreign_name("../../.bashrc"), foreign_name("=cmd|' /C calc'!A0")
     ('ball.place', 'bashrc', 'cmd_C_calc_A0')
     """
-    text = "".join(letter if letter.isalnum() or letter in "_.-" else "_" for letter in str(value)[: 4 * _NAME])
+    text = "".join(
+        letter if letter.isalnum() or letter in "_.-" else "_" for letter in str(value)[: 4 * _MAX_NAME_LENGTH]
+    )
     text = re.sub(r"\.{2,}", ".", re.sub(r"_{2,}", "_", text)).strip("._-")
-    return text[:_NAME].rstrip("._-") or "unnamed"
+    return text[:_MAX_NAME_LENGTH].rstrip("._-") or "unnamed"
 
 
 def escape_formula(text: str) -> str:

@@ -39,7 +39,7 @@ def run_limited(program: Path, words: Sequence[str], folder: Path, seconds: int,
         raise ProcessFailure(f"it needs more than {memory >> 20} MiB of memory; make it smaller")
     if done.returncode < 0:
         raise ProcessFailure(f"it ended its reader with signal {-done.returncode}: it is damaged, or made to do that")
-    raise ProcessFailure(said or "its reader ended without a word")
+    raise ProcessFailure(said or "its reader ended without a message")
 
 
 def set_limits(seconds: int, memory: int, largest: int) -> None:

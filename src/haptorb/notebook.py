@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NotebookReport"]
 
-_WIDTH = 110  #: line width in a notebook [characters]
+_LINE_WIDTH = 110  #: line width in a notebook [characters]
 
 
 class NotebookReport(Presentable, ABC):
@@ -23,7 +23,7 @@ class NotebookReport(Presentable, ABC):
     def show(self, console: Console) -> None:
         """Print the report on `console`."""
 
-    def render_text(self, width: int = _WIDTH) -> str:
+    def render_text(self, width: int = _LINE_WIDTH) -> str:
         """Return the output of `show`, in lines of at most `width` characters without colour."""
         from rich.console import Console
 

@@ -26,10 +26,10 @@ from haptorb.errors import RecordingError, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import describe_size_limit, open_regular
 
-__all__ = ["BUSY", "ProgramLock", "TableSet", "explain_error", "lock_database", "make_engine"]
+__all__ = ["BUSY_TIMEOUT_MS", "ProgramLock", "TableSet", "explain_error", "lock_database", "make_engine"]
 
 
-BUSY = 10_000  #: time for which a writer waits while another program holds the database [ms]
+BUSY_TIMEOUT_MS = 10_000  #: time for which a writer waits while another program holds the database [ms]
 _MAX_VALUE_BYTES = 64 * 1024 * 1024  #: largest size of a value
 _CONNECT_TIMEOUT_S = 5  #: connection timeout of a server
 
@@ -81,7 +81,7 @@ def _set_pragmas(connection: Any, record: Any) -> None:
         "journal_mode = WAL",
         "synchronous = FULL",
         "foreign_keys = ON",
-        f"busy_timeout = {BUSY}",
+        f"busy_timeout = {BUSY_TIMEOUT_MS}",
     ):
         try:
             cursor.execute(f"PRAGMA {pragma}")
@@ -105,7 +105,7 @@ def _explain_damage(place: str | Path, context: ExceptionContext) -> None:
 
 
 _TABLE_SET_TRIES, _PAUSE = 20, 0.02  #: tries, and pause between them, while another program creates the database [s]
-_HEAD = 256 * 1024  #: bytes read to recognise a file's kind
+_HEAD_BYTES = 256 * 1024  #: bytes read to recognise a file's kind
 
 
 def explain_error(cause: SQLAlchemyError) -> str:
@@ -208,7 +208,7 @@ class TableSet:
         if not path.exists() and not path.is_symlink():
             return
         with open_regular(path, "database", RecordingError) as file:
-            head = file.read(_HEAD)
+            head = file.read(_HEAD_BYTES)
         if not head:  # as created by `touch`, or by a program that ended before its first table
             return
         if other := self.kind.explain_other(path, head):

@@ -376,7 +376,7 @@ def _write(stream: TextIO, text: str) -> None:
 # Tables that fit the width: with wrapped headings and texts, split into pages of columns, or stacked row by row.
 
 
-_GAP = 2  #: spaces between columns
+_COLUMN_GAP = 2  #: spaces between columns
 _TEXT_TABLE_NARROW = 22  #: least width of a wrapped text column
 
 
@@ -486,7 +486,7 @@ def _widths(table: TextTable) -> list[int]:
 
 
 def _width(table: TextTable) -> int:
-    return sum(_widths(table)) + _GAP * (len(table.columns) - 1)
+    return sum(_widths(table)) + _COLUMN_GAP * (len(table.columns) - 1)
 
 
 def _widest(cell: str) -> int:
@@ -510,7 +510,7 @@ def _wrap_texts(table: TextTable | None, width: int) -> TextTable | None:
     table = _wrap_heads(table)
     widths = _widths(table)
     texts = [n for n, column in enumerate(table.columns) if column.kind in ("text", "note")]
-    room = width - _GAP * (len(widths) - 1) - sum(w for n, w in enumerate(widths) if n not in texts)
+    room = width - _COLUMN_GAP * (len(widths) - 1) - sum(w for n, w in enumerate(widths) if n not in texts)
     for n in sorted(texts, key=lambda n: widths[n]):  # short ones get their full width
         share = room // max(1, sum(widths[k] >= widths[n] for k in texts))
         widths[n] = min(widths[n], share)
@@ -558,7 +558,7 @@ def _print_grid(console: Console, table: TextTable) -> None:
     ascii_only = not console.encoding.startswith("utf")
     rule = " -- " if ascii_only else " ── "
     box = Box("\n".join(["    ", "    ", rule, *["    "] * 5]), ascii=ascii_only)
-    grid = Table(box=box, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
+    grid = Table(box=box, padding=(0, _COLUMN_GAP - 1, 0, 0), pad_edge=False, show_edge=False, header_style="bold")
     for column in table.columns:
         grid.add_column(Text(column.title), justify="right" if column.kind == "number" else "left", no_wrap=True,
                         vertical="top")  # fmt: skip
@@ -591,7 +591,7 @@ def _print_stack(console: Console, table: TextTable) -> None:
 
 _FACTS_NARROW = 24  #: least width of a text beside its name; below it, the text goes under the name
 _MAX_NAME_WIDTH = 26  #: largest width of names with a text beside them
-_ENDLESS = 100_000  #: line width in a pipe or a file, where nothing is wrapped
+_UNWRAPPED_WIDTH = 100_000  #: line width in a pipe or a file, where nothing is wrapped
 
 
 def format_facts(facts: Iterable[tuple[str, str]], width: int, margin: str = "") -> list[str]:
@@ -623,7 +623,7 @@ def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
     Into a pipe or a file: one line each.
     """
     spelled = [(fit_encoding(name, console.encoding), fit_encoding(text, console.encoding)) for name, text in facts]
-    for line in format_facts(spelled, _ENDLESS if console.soft_wrap else console.width):
+    for line in format_facts(spelled, _UNWRAPPED_WIDTH if console.soft_wrap else console.width):
         print_text(console, line)
 
 
@@ -632,7 +632,7 @@ def print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
 
 
 _DEVICES = ("device", "devices", "names")  #: arguments that can be a device; `names` are those of `bench`
-_WIDEST = 100  #: longer lines are hard to read
+_MAX_LINE_WIDTH = 100  #: longer lines are hard to read
 
 
 class CommandLine(typer.Typer):
@@ -720,7 +720,7 @@ def _explain_number(mistake: Any, words: list[str]) -> str:
 
 
 def _compose_help(command: Any, ctx: Any, commands: list[tuple[str, str]] | None = None) -> str:
-    width = min(find_width(), _WIDEST)
+    width = min(find_width(), _MAX_LINE_WIDTH)
     usage = " ".join(["Usage:", ctx.command_path, *command.collect_usage_pieces(ctx)])
     text = inspect.cleandoc(command.help or "")
     paragraphs = [" ".join(paragraph.split("\n")) for paragraph in text.split("\n\n") if paragraph]

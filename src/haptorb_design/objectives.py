@@ -13,9 +13,9 @@ from haptorb.devices import tables
 from haptorb.devices.base import Device, State, require
 from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import (
-    CHIP,
+    CHIP_EDGE_M,
     GREATEST_LEAN,
-    PEN,
+    PEN_RADIUS_M,
     SphericalElectromagnet,
     find_sensor_field,
     pen_distance,
@@ -31,7 +31,7 @@ from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.estimation.hall_pose_fit import position_accuracy
 from haptorb.magnetics.coil import COPPER_DENSITY, Coil
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, dipole_on_charges
-from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums, weigh_charges
+from haptorb.magnetics.soft_sphere import add_response_wrench, harmonic_sums, response_to_charges, weigh_charges
 from haptorb.rotations import rotation_from_euler
 from haptorb_design.problem import DesignCandidate, DesignQuantity, Sense
 
@@ -617,9 +617,9 @@ def _find_core_force(device: SphericalElectromagnet, state: State) -> Array:
     sums = np.empty(((order + 2) * (order + 3) // 2, 2))
     harmonic_sums(np.ascontiguousarray(placed), core.radius, order, sums)
     shares = weigh_charges(core, order)
-    answers, wrench = np.empty((1, len(shares), 2)), np.zeros((6, 1))
-    answer_to_charges(sums, shares, answers)
-    add_answers(sums, answers, core.radius, order, p, wrench)
+    responses, wrench = np.empty((1, len(shares), 2)), np.zeros((6, 1))
+    response_to_charges(sums, shares, responses)
+    add_response_wrench(sums, responses, core.radius, order, p, wrench)
     force: Array = wrench[:3, 0]
     return force
 
@@ -988,9 +988,9 @@ def _orientation(candidate: DesignCandidate) -> float:
 def _room(candidate: DesignCandidate) -> float:
     device = electromagnet_of(candidate)
     at = device.hall.positions
-    chip = option(candidate, "chip", CHIP)
+    chip = option(candidate, "chip", CHIP_EDGE_M)
     dome = np.linalg.norm(at, axis=1) - device.dome_radius
-    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", PEN)
+    pen = pen_distance(device, at, option(candidate, "lean", GREATEST_LEAN)) - option(candidate, "pen", PEN_RADIUS_M)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + np.diag(np.full(len(at), np.inf))
     return float(min(dome.min() - chip, pen.min() - chip, apart.min() - 2 * chip))
 

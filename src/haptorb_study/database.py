@@ -34,7 +34,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from haptorb.database_address import mask_password, path_of
 from haptorb.errors import RecordingError
 from haptorb.file_kind import FileKind
-from haptorb.sql import BUSY, ProgramLock, TableSet, explain_error, lock_database
+from haptorb.sql import BUSY_TIMEOUT_MS, ProgramLock, TableSet, explain_error, lock_database
 from haptorb_study.participant_codes import is_reserved
 from haptorb_study.stored_rows import check_rows
 from haptorb_study.study_file import Study
@@ -273,7 +273,7 @@ def try_begin(engine: Engine) -> Iterator[Connection]:
         finally:
             if sqlite:
                 connection.rollback()
-                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY}")
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
 
 
 def utc_now() -> str:

@@ -233,14 +233,14 @@ def feel_with_console(
     from haptorb.runtime.world_requests import name_of
     from haptorb.web.console import Console
     from haptorb.web.server import freeze_garbage
-    from haptorb.web.session import target_scene
+    from haptorb.web.session import object_scene
     from haptorb.worlds.base import values as parameter_values
     from haptorb_study.feel.feel_panel import FeelPanel
     from haptorb_study.feel.terminal_commands import HELP, read_lines, wait_for_lines
     from haptorb_study.feel.trace_collector import world_key
 
     for design in live.designs:  # computed before the servo starts, so that the hand does not wait
-        target_scene(name_of(design.world), parameter_values(design.world))
+        object_scene(name_of(design.world), parameter_values(design.world))
     servo = _servo(device, live.current, live.candidates, record=False)
     for number, design in enumerate(live.designs):
         servo.add_world(design.world, world_key(number))

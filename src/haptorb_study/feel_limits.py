@@ -1,7 +1,8 @@
 """Limits of the torque scale of a feel session: stability check, and the device's torque limit.
 
 The check covers the workspace and takes seconds per design, so it runs in a process of its own at low priority,
-while the first design is being rendered.
+while the first design is being rendered. This module stands outside `feel` because every start of `haptorb` loads
+`feel_cli`, and importing that package takes seconds.
 """
 
 from __future__ import annotations
@@ -117,9 +118,10 @@ class StabilityCheck:
 def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | None) -> ScaleLimits:
     """Limits for `designs`, whose smallest stability `margin` is known, or None.
 
-    At the maximum gain a gain margin of `check.ENOUGH` remains, and the peak force reaches the device's torque limit.
+    At the maximum gain a gain margin of `check.MIN_STABILITY_MARGIN` remains, and the peak force reaches the device's
+    torque limit.
     """
-    from haptorb.cli.check_world import ENOUGH
+    from haptorb.cli.check_world import MIN_STABILITY_MARGIN
     from haptorb_study.feel import course
     from haptorb_study.feel.torque_scale import ScaleLimits
 
@@ -127,9 +129,10 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
     full = scale.find_saturation(float(max(peaks)))
     if margin is None:
         return ScaleLimits(1.0, "the stability check did not finish", scale.hand_per_part)
-    stable = margin / ENOUGH
+    stable = margin / MIN_STABILITY_MARGIN
     if stable < full:
-        reason = f"higher would vibrate: in a light grip from {margin:.3g}, and a factor of {ENOUGH:g} is kept to it"
+        kept = f"a factor of {MIN_STABILITY_MARGIN:g} is kept to it"
+        reason = f"higher would vibrate: in a light grip from {margin:.3g}, and {kept}"
     else:
         reason = (
             f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "

@@ -81,7 +81,7 @@ def subject(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Subject]
     if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr/sim_avr.h").exists():
         pytest.skip("gcc-avr or libsimavr-dev is not installed")
     emulator = Emulator(make_firmware("all", "emulator"), tmp_path / "omni")
-    driver = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
+    driver = SerialDriver(load("omni"), emulator.port, timeout=1.0, warm_up=90.0)
     original = driver.open
 
     def open_then_slow() -> None:
@@ -170,7 +170,7 @@ def test_it_can_be_opened_again(subject: Subject) -> None:
             for _ in range(3):
                 subject.tick(SOME)
             assert subject.coils() == pytest.approx(SOME, abs=1e-3)
-            assert driver.truth().shape == (6,)
+            assert driver.wrench_actual().shape == (6,)
 
 
 def test_engaging_what_runs_changes_nothing(subject: Subject) -> None:
@@ -245,3 +245,14 @@ def test_a_device_with_other_channels_is_refused() -> None:
     for make in (lambda: SerialDriver(load("pmsm"), "/dev/null"), lambda: I2cDriver(load("pmsm"), 1)):
         with pytest.raises((DriverError, InputError), match="coils"):
             make()
+
+
+def test_a_driver_with_the_methods_of_version_0_1_works_with_a_remark() -> None:
+    with pytest.warns(DeprecationWarning, match=r"truth\(\) is now called wrench_actual\(\)"):
+
+        class Earlier(SimDriver):  # type: ignore[misc]
+            def truth(self) -> Array:
+                return np.ones(6)
+
+    driver = Earlier(SimDriver.of(load("omni"), 1e-3).simulation, 1e-3)
+    assert driver.wrench_actual().tolist() == [1.0] * 6

@@ -12,12 +12,12 @@ from haptorb.control.registry import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds.base import World
 
 HOMES = {name: "pmsm" if name in ("outlet", "outlet-published", "snap_fit") else "omni" for name in worlds.CATALOGUE}
@@ -75,7 +75,7 @@ def push_across(world, tracker_rate, latency, seconds=2.5, grip_name="light"):
 
     def goal(now):
         leaning = 0.45 <= now < 0.5
-        return Goal(middle + np.array([1e-3 * leaning, 0, 0]), upright, now, False)
+        return HandGoal(middle + np.array([1e-3 * leaning, 0, 0]), upright, now, False)
 
     driver = ImperfectTracker(SimDriver.of(device, 1e-3, goal), PoseDelay(tracker_rate, latency))
     tick = Tick(device, world, driver, make_estimator(device, "tracker", "exact"), make_allocator(device), 1e-3)

@@ -186,7 +186,7 @@ def test_files_beside_a_database_do_nothing(folder: Path, tmp_path: Path, capsys
 def test_a_database_that_is_locked_or_read_only_says_so(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("haptorb.sql.BUSY", 50)
+    monkeypatch.setattr("haptorb.sql.BUSY_TIMEOUT_MS", 50)
     with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as other:
         other.execute("PRAGMA locking_mode = EXCLUSIVE")
         other.execute("BEGIN EXCLUSIVE")

@@ -113,12 +113,22 @@ def test_no_closed_path_takes_energy_out_of_a_passive_world(name):
         assert sum(work) <= 1e-3 * np.abs(work).sum() + 1e-12
 
 
+def test_a_world_of_version_0_1_that_needs_a_motor_still_does():
+    with pytest.warns(DeprecationWarning, match="needs_object"):
+
+        class Plug(worlds.Nothing):
+            needs_target = True
+
+    with pytest.raises(InputError, match="moves in two modes"):
+        Plug().for_device(HOMES["omni"])
+
+
 @pytest.mark.parametrize("name", worlds.CATALOGUE)
-def test_a_world_of_a_target_is_for_devices_that_move_one(name):
+def test_a_world_of_an_object_is_for_devices_that_move_one(name):
     """A plug's frame is not that of a tool over a dome: there it would ask for newtons wherever the tool is."""
     world = worlds.find_world(name)()
-    assert world.needs_target == (name in PLUGS)
-    if world.needs_target:
+    assert world.needs_object == (name in PLUGS)
+    if world.needs_object:
         assert world.for_device(HOMES["pmsm"]) is world
         with pytest.raises(InputError, match=f"world {type(world).__name__} .* moves in two modes; device 'omni'"):
             world.for_device(HOMES["omni"])

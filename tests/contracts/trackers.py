@@ -16,7 +16,7 @@ from haptorb.devices.loader import load
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.shared_memory import WORDS, PointerSource, PointerState, PoseBlock
+from haptorb.runtime.shared_memory import WORDS, HandGoalSource, HostHandGoal, PoseBlock
 from haptorb.runtime.trackers.base import Feed, Tracker
 from haptorb.runtime.trackers.feed_tracker import FeedTracker
 from haptorb.runtime.trackers.pose_filter import PoseFilter
@@ -51,18 +51,18 @@ class Subject(ABC):
         return time.monotonic()
 
 
-class Pointer(Subject, PointerSource):
+class Pointer(Subject, HandGoalSource):
     """The console's pointer."""
 
     def __init__(self, tmp_path: Path) -> None:
-        self._pointed = PointerState(False, np.zeros(3), np.array(UPRIGHT), 0.0)
+        self._pointed = HostHandGoal(False, np.zeros(3), np.array(UPRIGHT), 0.0)
         self.tracker = PointerTracker(self)
 
-    def read_pointer(self) -> PointerState:
+    def read_hand_goal(self) -> HostHandGoal:
         return self._pointed
 
     def say(self, p: Sequence[float], q: Sequence[float] = UPRIGHT) -> None:
-        self._pointed = PointerState(True, np.array(p, dtype=float), np.array(q, dtype=float), time.monotonic())
+        self._pointed = HostHandGoal(True, np.array(p, dtype=float), np.array(q, dtype=float), time.monotonic())
 
     def lose(self) -> None:
         self._pointed = self._pointed._replace(held=False)

@@ -101,7 +101,7 @@ PROMISED = (kill, freeze, pull, garbage, reset)
 OTHERS = (brown_out, hang, button, bus_stuck, current_sensor_gone, chip_forgot, short_circuit)
 
 
-def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int, patience: float = 20.0) -> list[float]:
+def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int, timeout: float = 20.0) -> list[float]:
     """Milliseconds of firmware time from the fault to coils off; repeated when the host was kept from running."""
     emulator.execute("pace 1")
     emulator.wait(max(1.5 - float(emulator.status()["t"]), 0.0))
@@ -123,7 +123,7 @@ def off_times(emulator: Any, fault: Callable[[Any, Any], str], repetitions: int,
             if float(emulator.status()["on"]) != 1:
                 continue  # the host was kept waiting and the firmware has switched off already
             which = fault(emulator, host)
-            off = dict(re.findall(r"(\w+)=([-\d.]+)", emulator.expect_line("@off", patience)))
+            off = dict(re.findall(r"(\w+)=([-\d.]+)", emulator.expect_line("@off", timeout)))
             times.append(float(off[which]))
         finally:
             host.kill()
@@ -218,6 +218,6 @@ def test_the_tests_above_can_fail(
     with Emulator(broken(file, right, wrong), tmp_path / "port") as emulator:
         if fault is button:
             with pytest.raises(DriverError, match="did not report '@off'"):
-                off_times(emulator, fault, 1, patience=3.0)
+                off_times(emulator, fault, 1, timeout=3.0)
         else:
             assert min(off_times(emulator, fault, 1)) > LIMIT_MS

@@ -42,7 +42,7 @@ def emulator(running: Emulator) -> Iterator[Emulator]:
 
 @pytest.fixture
 def driver(emulator: Any) -> Iterator[SerialDriver]:
-    one = SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=90.0)
+    one = SerialDriver(load("omni"), emulator.port, timeout=1.0, warm_up=90.0)
     one.open()
     emulator.set_pace()
     yield one
@@ -233,7 +233,7 @@ def test_a_missing_sensor_is_named_with_its_address(emulator: Any, chip: str, pa
     emulator.wait(known)
     try:
         with pytest.raises(DriverError, match=part):
-            SerialDriver(load("omni"), emulator.port, patience=1.0, warm_up=0.2).open()
+            SerialDriver(load("omni"), emulator.port, timeout=1.0, warm_up=0.2).open()
     finally:
         emulator.execute(f"present {chip}")
         emulator.execute("reset")

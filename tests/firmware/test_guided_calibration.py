@@ -64,7 +64,7 @@ def test_a_device_behind_the_real_firmware_is_calibrated(built: Path, tmp_path: 
     pace = Pace(lambda: time.monotonic() * PACE, lambda seconds: time.sleep(seconds / PACE))
     try:
         with Emulator(built, tmp_path / "omni", physics=emulated) as emulator:
-            driver = slowly(SerialDriver(omni, emulator.port, patience=1.0, warm_up=90.0), emulator)
+            driver = slowly(SerialDriver(omni, emulator.port, timeout=1.0, warm_up=90.0), emulator)
             guide = Dialog(said.append, lambda step: person.place(step, emulated))
             steps = check_steps(["rest", "currents", "magnetic", "tool"])
             found = guide_calibration(

@@ -53,7 +53,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
     device, emulator = emulated
     pose = device.pose if tracker == "tracker" else invalid_pose
     driver = SerialDriver(
-        omni, emulator.port, pose, patience=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * PACE
+        omni, emulator.port, pose, timeout=1.0, warm_up=90.0, hall_axes=3, clock=lambda: time.monotonic() * PACE
     )
 
     def chain(through: Driver) -> Tick:
@@ -64,7 +64,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
     tick = chain(driver)
     at = tick.layout
     row = at.empty()
-    with SimDriver.of(omni, 1e-3) as practice:  # compiling takes longer than the firmware's patience
+    with SimDriver.of(omni, 1e-3) as practice:  # compiling takes longer than the firmware's timeout
         rehearsal = chain(practice)
         for k in range(100):
             rehearsal.step(row, k * 1e-3)
@@ -79,7 +79,7 @@ def test_a_dome_is_felt_through_the_real_firmware(
             tick.step(row, k * 1e-3)
             rows.append(row.copy())
             away.append(row[at["p"]] - device.pose(0.0).p)
-        truth = device.truth()
+        truth = device.wrench_actual()
     log = np.array(rows)
     assert tick.error == ""
     assert log[-1, at["guard"]][0] == GuardState.RUNNING

@@ -378,14 +378,14 @@ def kinds(folder: Path) -> list[Kind]:
     recorder.finish()
 
     progress = ProgressFile(folder / "good", omni, "sim", lambda: 1000.0)
-    progress.keep("rest", {"temperatures_k": [298.0] * 3})
-    progress.keep("currents", {"resistance_ohm": [0.6] * 3})
-    progress.keep("magnetic", {
+    progress.store("rest", {"temperatures_k": [298.0] * 3})
+    progress.store("currents", {"resistance_ohm": [0.6] * 3})
+    progress.store("magnetic", {
         "moment_per_current_m2": (0.2 * np.eye(n)).tolist(), "uncertainty_m2": np.eye(n).tolist(),
         "offsets_t": np.zeros((9, 3)).tolist(), "residual_t": 1e-5, "condition": 2.0, "repeatability": 1e-4,
         "failed": [],
     })  # fmt: skip
-    progress.keep("tool", {"likeness": 0.9, "strength": 1.0})
+    progress.store("tool", {"likeness": 0.9, "strength": 1.0})
 
     scaling = Scaling(np.zeros(2), np.ones(2)), Scaling(np.zeros(1), np.ones(1))
     network = Perceptron(np.ones((3, 3)), np.ones((1, 4)), *scaling)

@@ -89,11 +89,11 @@ class Failing(Driver):
         if self.silent_ticks:
             raise DriverError("the device does not answer")
 
-    def truth(self) -> Any:
-        return self.inner.truth()
+    def wrench_actual(self) -> Any:
+        return self.inner.wrench_actual()
 
-    def target(self) -> Any:
-        return self.inner.target()
+    def hand_goal(self) -> Any:
+        return self.inner.hand_goal()
 
 
 class Host:

@@ -11,10 +11,10 @@ from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
-    add_answers,
-    answer_to_charges,
-    answer_to_source,
+    add_response_wrench,
     harmonic_sums,
+    response_to_charges,
+    response_to_source,
     weigh_charges,
 )
 from haptorb.magnetics.source import PlacedSource
@@ -42,8 +42,8 @@ def test_the_pull_on_charges_is_that_of_all_pairs(permeability: float) -> None:
     sphere = SoftSphere(15e-3, permeability)
     found, shares = sums(sphere), weigh_charges(sphere, ORDER)
     own, out = np.empty((1, len(shares), 2)), np.zeros((6, 1))
-    answer_to_charges(found, shares, own)
-    add_answers(found, own, sphere.radius, ORDER, P, out)
+    response_to_charges(found, shares, own)
+    add_response_wrench(found, own, sphere.radius, ORDER, P, out)
     expected = total(sphere.forces(POINTS, CHARGES))
     assert out[:, 0] == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
@@ -54,7 +54,7 @@ def test_the_answer_to_a_coil_is_that_to_its_charges(permeability: float) -> Non
     sphere, turns, length = SoftSphere(15e-3, permeability), 200, 16e-3
     coil = PlacedSource(Coil(turns, 4e-3, 12e-3, length), PLACE, TURN)
     out = np.zeros((6, 1))
-    add_answers(sums(sphere), answer_to_source(sphere, coil, ORDER)[None], sphere.radius, ORDER, P, out)
+    add_response_wrench(sums(sphere), response_to_source(sphere, coil, ORDER)[None], sphere.radius, ORDER, P, out)
     nodes, weights = np.polynomial.legendre.leggauss(6)
     layers = [
         ChargedRing(8e-3 + 4e-3 * x, 0.0, length, 4e-7 * np.pi * turns / length * w / 2, radial=8, azimuth=32)
@@ -67,4 +67,4 @@ def test_the_answer_to_a_coil_is_that_to_its_charges(permeability: float) -> Non
 
 def test_a_coil_in_the_sphere_is_refused() -> None:
     with pytest.raises(GeometryError):
-        answer_to_source(SoftSphere(30e-3), PlacedSource(Coil(10, 4e-3, 12e-3, 16e-3), PLACE, TURN), 4)
+        response_to_source(SoftSphere(30e-3), PlacedSource(Coil(10, 4e-3, 12e-3, 16e-3), PLACE, TURN), 4)

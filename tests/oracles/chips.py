@@ -343,7 +343,7 @@ class OpenBus:
 class Thermometers:
     """Three coils at 300 K, without a bus."""
 
-    def wait_until_ready(self, patience: float) -> bool:
+    def wait_until_ready(self, timeout: float) -> bool:
         """At once."""
         return True
 

@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from haptorb.analysis.coupling import ASSUMED, CouplingSetting
+from haptorb.analysis.coupling import DEFAULT_LATENCY_S, CouplingSetting
 from haptorb.arrays import Array
 from haptorb.cli.check_world import PoseDelay
 from haptorb.control.linkage import MODES, make_linkage
@@ -23,11 +23,11 @@ from haptorb.devices.coil_array import CoilArray
 from haptorb.devices.electromagnet import Hand, SphericalElectromagnet
 from haptorb.estimation.registry import check_estimator, make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import ImperfectTracker, SimDriver
 from haptorb.runtime.tick import Tick
 from haptorb.runtime.tick_log import TickFailure
-from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.registry import simulate
 from haptorb.worlds.dynamic import BoundWorld
 from haptorb.worlds.scene import Scene
@@ -118,19 +118,19 @@ def try_scene(
     wish, slow, fade = np.zeros(6), np.zeros(6), math.exp(-dt / _WANDER)
     spread = 2.0 * math.sqrt((1 + fade) / (1 - fade))  # white noise, so that the wish has a deviation of 2
 
-    def goal(now: float) -> Goal:
+    def goal(now: float) -> HandGoal:
         nonlocal wish, slow
         wish = wish + (1 - fade) * (spread * rng.standard_normal(6) - wish)
         slow = slow + (1 - fade) * (wish - slow)
         if moved:
-            return Goal(_aim(device, np.tanh(slow[:3])), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+            return HandGoal(_aim(device, np.tanh(slow[:3])), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
         turned = 0.5 * _TILT * np.tanh(slow[:3])
-        return Goal(np.zeros(3), np.append(turned, 1.0) / math.hypot(1.0, *turned), now, False)
+        return HandGoal(np.zeros(3), np.append(turned, 1.0) / math.hypot(1.0, *turned), now, False)
 
     simulation = simulate(device, seed)
     driver: Driver = SimDriver(simulation, dt, goal, seed=seed)
     if setting.fed:
-        late = ASSUMED if setting.latency is None else setting.latency
+        late = DEFAULT_LATENCY_S if setting.latency is None else setting.latency
         driver = ImperfectTracker(driver, PoseNoise(NOISE, seed), PoseDelay(TRACKER_RATE, late))
     estimator = check_estimator(device, setting.estimator if moved else None)
     estimator_used = make_estimator(device, estimator, None)

@@ -102,7 +102,7 @@ class RailSimulation(Simulation):
         pose = Pose(pose_stamp, state.R_SR, state.p, state.w, state.v, pose_valid)
         return Sample(t, read, np.full(2, rail.coils.heat.ambient), np.zeros((0, 3)), pose)
 
-    def truth(self) -> Any:
+    def wrench_actual(self) -> Any:
         return self._truth.copy()
 
     def state(self) -> State:

@@ -120,7 +120,7 @@ def test_a_long_recording_loses_no_more_than_a_short_one(
 ) -> None:
     path = damage(whole[0], tmp_path / "damaged.mcap", middle(whole[0]))
     short = open_damaged(path)
-    monkeypatch.setattr(recording_module, "_WHOLE", 0)
+    monkeypatch.setattr(recording_module, "_MAX_WHOLE_BYTES", 0)
     long = Recording(path)
     assert long.long
     assert not long.checked

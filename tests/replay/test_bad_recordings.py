@@ -494,7 +494,7 @@ def test_parts_at_once_find_what_one_after_the_other_does(
         recorder.append(whole.rows)
         recorder.finish()
     monkeypatch.setattr("haptorb.replay.parallel._MIN_TICKS", 100)
-    monkeypatch.setattr("haptorb.recording.recording._WHOLE", 0)  # rows are unpacked beside
+    monkeypatch.setattr("haptorb.recording.recording._MAX_WHOLE_BYTES", 0)  # rows are unpacked beside
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1, 2})
     at_once, after = replay_in_parts(Recording(path)).comparison, Replay(whole).run()
     assert (at_once.compared, at_once.differing, at_once.numbers) == (300, after.differing, after.numbers)

@@ -109,7 +109,7 @@ OMNI_DEEDS: dict[int, Deed] = {
     90: lambda tick: tick.change_model(1),
     120: lambda tick: tick.replace_world(Fluid(viscosity=4.0)),
     140: lambda tick: tick.cool(),
-    150: _both(lambda tick: tick.change_world(RollingBall()), lambda tick: tick.excuse_lateness()),
+    150: _both(lambda tick: tick.change_world(RollingBall()), lambda tick: tick.exclude_next_lateness()),
     180: lambda tick: _fail_once(tick, "read"),
     190: _fail_engaging,
     195: lambda tick: tick.engage(),

@@ -19,7 +19,7 @@ def test_rows_come_from_beside_bit_for_bit_or_not_at_all(
     damaged: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     whole = record_chain(tmp_path / "run.mcap", ticks=100)
-    monkeypatch.setattr("haptorb.recording.recording._WHOLE", 0)
+    monkeypatch.setattr("haptorb.recording.recording._MAX_WHOLE_BYTES", 0)
     recording = Recording(whole.path)
     assert recording.long
     if damaged:
@@ -31,8 +31,8 @@ def test_rows_come_from_beside_bit_for_bit_or_not_at_all(
         content[place : place + 8] = bytes(8)
         whole.path.write_bytes(content)
         with pytest.raises(RecordingError, match="damaged"):
-            UnpackedRows(recording).take()
+            UnpackedRows(recording).wait_for_rows()
         assert capfd.readouterr().err == ""
     else:
-        rows = UnpackedRows(recording).take()
+        rows = UnpackedRows(recording).wait_for_rows()
         assert np.array_equal(rows.view(np.uint64), whole.rows.view(np.uint64))

@@ -58,7 +58,7 @@ class FakeDriver(Driver):
     def write(self, duties: Any) -> Any:
         raise NotImplementedError
 
-    def truth(self) -> Any:
+    def wrench_actual(self) -> Any:
         raise NotImplementedError
 
 
@@ -97,7 +97,7 @@ class FakeChain:
     def prepare(self, now: float) -> None:
         pass
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         pass
 
     def step(self, row: Any, now: float) -> None:

@@ -13,7 +13,7 @@ from haptorb import Recording, Servo
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.recording.row import RowLayout
 from haptorb.replay.replay import Replay
-from haptorb.runtime.black_box import TICKS, BlackBox
+from haptorb.runtime.black_box import STORED_TICKS, BlackBox
 from haptorb.runtime.shared_memory import SharedMemory
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
@@ -90,13 +90,13 @@ def test_a_running_servo_keeps_what_led_to_a_stop(tmp_path: Path) -> None:
             time.sleep(0.01)
         (tripped,) = servo.trips
     guard = tripped.rows[:, servo.layout["guard"]].ravel()
-    assert len(guard) == TICKS
+    assert len(guard) == STORED_TICKS
     assert guard[-1] == GuardState.TRIPPED
     assert (guard[:-1] != GuardState.TRIPPED).all()
     (file,) = servo.trip_files
     recording = Recording(file)
-    assert TICKS <= len(recording) < 400
-    assert np.array_equal(recording.rows[-TICKS:], tripped.rows, equal_nan=True)
+    assert STORED_TICKS <= len(recording) < 400
+    assert np.array_equal(recording.rows[-STORED_TICKS:], tripped.rows, equal_nan=True)
     replay = Replay(recording)
     assert replay.run().identical, replay.comparison.first
     assert not replay.approximate

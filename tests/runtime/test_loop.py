@@ -18,7 +18,7 @@ from haptorb.runtime.assembly import assemble
 from haptorb.runtime.clock import Schedule
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.runtime.liveness import SILENCE, STARVATION, ProcessorWait
+from haptorb.runtime.liveness import HEARTBEAT_TIMEOUT_S, STARVED_TIMEOUT_S, ProcessorWait
 from haptorb.runtime.loop import Loop
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
@@ -246,7 +246,7 @@ def run(ticks: Iterable[int], beating: bool, *, simulated: bool = True) -> tuple
         shared.unlink()
 
 
-SILENT = int(SILENCE * RATE)
+SILENT = int(HEARTBEAT_TIMEOUT_S * RATE)
 
 
 def test_a_host_whose_heart_beats_is_obeyed_to_the_end() -> None:
@@ -278,7 +278,7 @@ def test_a_host_without_a_heartbeat_is_dead_after_the_silence() -> None:
 
 def test_a_host_that_waits_for_a_processor_has_more_time_where_nothing_real_moves(waits: list[bool]) -> None:
     waits[0] = True
-    most = int(STARVATION * RATE)
+    most = int(STARVED_TIMEOUT_S * RATE)
     well, loop, clock = run(range(2 * most), beating=False)
     assert not well
     assert "busy" in loop.reason

@@ -25,8 +25,8 @@ from haptorb.runtime.shared_memory import (
     SIZE,
     TRIPS,
     WORLDS,
+    HandGoalBlock,
     Phase,
-    PointerBlock,
     SharedMemory,
     TextSlot,
     Word,
@@ -173,13 +173,13 @@ def test_pointer_never_torn(shared: SharedMemory) -> None:
     with _writing(shared, write):
         seen, last = 0, 0.0
         while seen < 50_000:
-            held, p, q, stamp, patience = shared.pointer.read_pointer()
+            held, p, q, stamp, keep_alive = shared.pointer.read_hand_goal()
             if stamp == 0.0:  # nothing was written yet
                 continue
             seen += 1
             assert (p == stamp).all()
             assert (q == stamp).all()
-            assert patience == stamp
+            assert keep_alive == stamp
             assert held == bool(stamp % 2)
             assert stamp >= last
             last = stamp
@@ -188,14 +188,14 @@ def test_pointer_never_torn(shared: SharedMemory) -> None:
 def test_pointer_of_a_writer_that_died_in_the_middle() -> None:
     memory = memoryview(bytearray(88))
     words = memory.cast("q")
-    block = PointerBlock(words, memory.cast("d"), 0)
+    block = HandGoalBlock(words, memory.cast("d"), 0)
     block.write(True, np.ones(3), np.ones(4), 5.0)
-    assert block.read_pointer().stamp == 5.0
+    assert block.read_hand_goal().stamp == 5.0
     words[0] += 1  # it began to write, and died
     memory.cast("d")[9] = 77.0
-    assert block.read_pointer().stamp == 5.0
-    PointerBlock(words, memory.cast("d"), 0).write(True, np.ones(3), np.ones(4), 6.0)  # its successor
-    assert block.read_pointer().stamp == 6.0
+    assert block.read_hand_goal().stamp == 5.0
+    HandGoalBlock(words, memory.cast("d"), 0).write(True, np.ones(3), np.ones(4), 6.0)  # its successor
+    assert block.read_hand_goal().stamp == 6.0
 
 
 def test_texts_never_torn(shared: SharedMemory) -> None:

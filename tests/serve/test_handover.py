@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from haptorb.serve.base import LATE
+from haptorb.serve.base import MAX_WAIT_S
 from haptorb.serve.haply import reply
 from haptorb.serve.haply_protocol import Service
-from haptorb.worlds.client_force import HOLD
+from haptorb.worlds.client_force import HOLD_TIME_S
 
 
 def push(x, **more):
@@ -72,17 +72,17 @@ def test_small_turns_of_a_workspace_that_moves_stay_one_mapping_and_large_ones_d
 
 def test_a_command_that_waited_is_not_felt_and_takes_no_device(bench, service):
     client = service.open("127.0.0.1")
-    service.answer(client, push(1.0), time.monotonic() - HOLD - 0.01)
+    service.answer(client, push(1.0), time.monotonic() - HOLD_TIME_S - 0.01)
     assert bench.read_client()["session"] == 0
     assert bench.served.holder == 0
     assert bench.served.stale == 1
-    service.answer(client, push(1.0), time.monotonic() - HOLD / 2)
-    assert bench.read_client()["age"] >= HOLD / 2
+    service.answer(client, push(1.0), time.monotonic() - HOLD_TIME_S / 2)
+    assert bench.read_client()["age"] >= HOLD_TIME_S / 2
 
 
 def test_what_waited_for_long_changes_no_mapping_either(service):
     client = service.open("127.0.0.1")
     before = client.space
-    answer = service.answer(client, push(1.0, configure={"preset": "led_front"}), time.monotonic() - LATE - 0.1)
+    answer = service.answer(client, push(1.0, configure={"preset": "led_front"}), time.monotonic() - MAX_WAIT_S - 0.1)
     assert "inverse3" in answer
     assert client.space == before

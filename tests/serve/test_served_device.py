@@ -11,7 +11,7 @@ from haptorb.runtime.shared_memory import CAPACITY, Phase, Word
 from haptorb.runtime.world_requests import description
 from haptorb.serve import base
 from haptorb.worlds import Remote, Terrain
-from haptorb.worlds.client_force import FADE
+from haptorb.worlds.client_force import FADE_TIME_S
 
 
 def test_who_commands_first_holds_the_device_until_the_connection_is_lost(bench):
@@ -25,7 +25,7 @@ def test_who_commands_first_holds_the_device_until_the_connection_is_lost(bench)
     bench.served.lose(second)  # a watcher that goes changes nothing
     assert bench.read_client()["lost"] == 0.0
     bench.served.lose(first)
-    assert bench.read_client(later=FADE)["lost"] >= FADE
+    assert bench.read_client(later=FADE_TIME_S)["lost"] >= FADE_TIME_S
     assert bench.served.command(second, (1.0, 0.0, 0.0))
 
 
@@ -33,7 +33,7 @@ def test_who_is_silent_lets_the_device_go(bench, monkeypatch):
     first, second = bench.served.open_session(), bench.served.open_session()
     bench.served.command(first, (0.1, 0.0, 0.0))
     now = base.monotonic()
-    monkeypatch.setattr(base, "monotonic", lambda: now + base.SILENCE + 0.1)
+    monkeypatch.setattr(base, "monotonic", lambda: now + base.CLIENT_TIMEOUT_S + 0.1)
     assert bench.served.holder == 0
     assert bench.served.command(second, (0.2, 0.0, 0.0))
 

@@ -10,9 +10,9 @@ from haptorb.control.registry import make_allocator
 from haptorb.devices.electromagnet import Hand
 from haptorb.devices.loader import load
 from haptorb.estimation.registry import make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds import Button, Friction
 
 DT = 1e-3
@@ -24,7 +24,7 @@ def run(world, place, seconds, *fields):
     held = Hand(grip.mass, grip.damping, grip.stiffness, omni.hand.turn_damping, omni.hand.turn_stiffness)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     device = replace(omni, hand=held)
-    driver = SimDriver.of(device, DT, lambda now: Goal(np.asarray(place(now)), upright, now, False))
+    driver = SimDriver.of(device, DT, lambda now: HandGoal(np.asarray(place(now)), upright, now, False))
     tick = Tick(device, world, driver, make_estimator(device, "tracker", "exact"), make_allocator(device), DT)
     row, out = tick.layout.empty(), []
     with tick.driver:

@@ -8,7 +8,7 @@ import pytest
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.worlds import Remote, Terrain, Wall
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 from haptorb.worlds.dynamic import BoundWorld, make_client_force
 
 STATE = State.at((0.0, 0.0, 0.05))
@@ -22,16 +22,22 @@ def feel(world, force, *, session=1.0, age=0.0, lost=0.0):
 
 
 def test_a_command_is_rendered_whole_for_fifty_milliseconds_and_is_gone_twenty_later():
-    for age, share in ((0.0, 1.0), (HOLD, 1.0), (HOLD + FADE / 2, 0.5), (HOLD + FADE, 0.0), (1e9, 0.0)):
+    for age, share in (
+        (0.0, 1.0),
+        (HOLD_TIME_S, 1.0),
+        (HOLD_TIME_S + FADE_TIME_S / 2, 0.5),
+        (HOLD_TIME_S + FADE_TIME_S, 0.0),
+        (1e9, 0.0),
+    ):
         wrench, bound = feel(Remote(), (0.1, -0.2, 0.3), age=age)
         assert wrench == pytest.approx([*(share * np.array([0.1, -0.2, 0.3])), 0, 0, 0], abs=1e-12)
         assert bound.memory["fade"][0] == pytest.approx(share)
 
 
 def test_a_lost_connection_fades_at_once():
-    wrench, _ = feel(Remote(), (0.0, 0.0, 0.4), age=0.001, lost=FADE / 2)
+    wrench, _ = feel(Remote(), (0.0, 0.0, 0.4), age=0.001, lost=FADE_TIME_S / 2)
     assert wrench[2] == pytest.approx(0.2)
-    wrench, _ = feel(Remote(), (0.0, 0.0, 0.4), age=0.001, lost=FADE)
+    wrench, _ = feel(Remote(), (0.0, 0.0, 0.4), age=0.001, lost=FADE_TIME_S)
     assert not wrench.any()
 
 
@@ -62,10 +68,10 @@ def test_torque_and_gripper_force_have_limit_and_fade_of_a_force():
     client["session"], client["torque"], client["gripper"] = 1.0, (3e8, 0.0, 4e8), -1e9
     assert bound.wrench(STATE) == pytest.approx([0, 0, 0, 0.3, 0.0, 0.4])
     assert bound.gripper_force == -2.0
-    client["age"] = HOLD + FADE / 2
+    client["age"] = HOLD_TIME_S + FADE_TIME_S / 2
     assert bound.wrench(STATE) == pytest.approx([0, 0, 0, 0.15, 0.0, 0.2])
     assert bound.gripper_force == pytest.approx(-1.0)
-    client["lost"] = FADE
+    client["lost"] = FADE_TIME_S
     assert not bound.wrench(STATE).any()
     assert bound.gripper_force == 0.0
 
@@ -92,7 +98,7 @@ def test_it_is_active_alone_and_in_a_sum_and_adds_to_worlds_of_both_kinds():
 def test_the_memory_of_a_row_gives_the_same_force_bit_for_bit():
     for world in (Remote(), Terrain() + Remote()):
         prefix = "" if isinstance(world, Remote) else "remote_"
-        first, bound = feel(world, (0.1, 1 / 3, -0.07), session=10001.0, age=HOLD + 0.0071)
+        first, bound = feel(world, (0.1, 1 / 3, -0.07), session=10001.0, age=HOLD_TIME_S + 0.0071)
         fields, at = {}, 0
         for field in world.memory_fields:
             fields[field.name] = bound.numbers[at : at + field.size].copy()

@@ -11,7 +11,7 @@ from haptorb.worlds.user_world import FunctionWorld
 
 def test_every_world_of_the_catalogue_for_a_tool_says_what_it_asks():
     for name, kind in worlds.CATALOGUE.items():
-        if not kind.needs_target:  # of a program, the commands show it
+        if not kind.needs_object:  # of a program, the commands show it
             assert kind().asks in PARTS or kind is worlds.Remote, name
 
 

@@ -102,7 +102,7 @@ export interface MotorScene extends Scene {
   groups: number[][];
 }
 
-/** The object that the motor moves, in metres; fields as in `target_scene` of `haptorb.web.session`. */
+/** The object that the motor moves, in metres; fields as in `object_scene` of `haptorb.web.session`. */
 export interface ObjectScene {
   hooks: number;
   root: number;

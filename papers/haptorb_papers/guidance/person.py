@@ -20,7 +20,7 @@ import numpy as np
 
 from haptorb.analysis.stability import HandGrip
 from haptorb.arrays import Array
-from haptorb.runtime.trackers.base import Goal
+from haptorb.estimation.types import HandGoal
 from haptorb.worlds.path import GuidancePath
 from haptorb.worlds.path_guidance import fill_frame, find_arc, follow_arc
 
@@ -72,9 +72,9 @@ class Person:
         self._intended = path.places[0].copy()
         self._arc, self._direction, self._tick = 0.0, 1.0, 0
         self._felt: deque[Array] = deque([np.zeros(3)] * late, maxlen=late)
-        self._goal = Goal(self._intended.copy(), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
+        self._goal = HandGoal(self._intended.copy(), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
 
-    def goal(self, now: float) -> Goal:
+    def goal(self, now: float) -> HandGoal:
         """Goal of the person for the tool at `now` [s]."""
         return replace(self._goal, stamp=now)
 
@@ -111,7 +111,7 @@ class Person:
         wanted = self._intended + self._tremor[n, 0] * frame[1] + self._tremor[n, 1] * sideways
         x, y, z = (wanted / np.linalg.norm(wanted)).tolist()
         q = np.array([-y, x, 0.0, 1.0 + z])
-        self._goal = Goal(wanted, q / np.linalg.norm(q), self._tick * dt, False)
+        self._goal = HandGoal(wanted, q / np.linalg.norm(q), self._tick * dt, False)
         self._tick += 1
 
 

@@ -30,7 +30,7 @@ from haptorb.devices.electromagnet import FORCE_JND
 from haptorb.devices.placed_coils import PlacedCoils, place_coils
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.calibration_file import Calibration
-from haptorb.magnetics.soft_sphere import answer_to_source
+from haptorb.magnetics.soft_sphere import response_to_source
 from haptorb.rotations import turn_by
 
 __all__ = ["ArrayErrors", "ArrayPoint", "ArrayTrial", "array_errors"]
@@ -128,14 +128,14 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
         axis = coils["axis"] + np.cross(trial.lean, coils["axis"])
         coils["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
         coils["turns"] *= 1 + trial.turns
-        answers = known.answers
+        responses = known.responses
         if known.core_radius > 0.0:
             off = np.concatenate([trial.shift, trial.lean], axis=1)
-            answers = answers + np.einsum("ji,ijkc->jkc", off, self._slopes)
-            answers *= (1 + trial.turns)[:, None, None]
+            responses = responses + np.einsum("ji,ijkc->jkc", off, self._slopes)
+            responses *= (1 + trial.turns)[:, None, None]
         pose, matrix, passive = np.empty((4, 3)), np.empty((6, len(coils))), np.empty(6)
         pose[:3], pose[3] = point.R, point.p
-        array_wrench(known._replace(coils=coils, answers=answers), pose, matrix, passive)
+        array_wrench(known._replace(coils=coils, responses=responses), pose, matrix, passive)
         force: Array = trial.strength * (matrix[:3] @ currents) + trial.strength**2 * passive[:3]
         return force
 
@@ -151,8 +151,8 @@ class ArrayErrors(ErrorModel[ArrayTrial, ArrayPoint]):
                 moved = replace(windings, position=windings.position + step * along)
             else:
                 moved = replace(windings, axis=windings.axis + step * np.cross(along, windings.axis))
-            answers = np.stack([answer_to_source(core, placed, order) for placed in place_coils(moved)])
-            slopes.append((answers - self._known.answers) / step)
+            responses = np.stack([response_to_source(core, placed, order) for placed in place_coils(moved)])
+            slopes.append((responses - self._known.responses) / step)
         return np.stack(slopes)
 
 

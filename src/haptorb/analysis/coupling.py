@@ -2,9 +2,9 @@
 
 The hand feels the coupling, whatever the scene does behind it; in the worst case the scene does not yield. So the
 coupling is treated as a spring and a damper against a wall, and `SampledLoop` gives their exact stability limit, from
-which they have a margin of `ENOUGH`. The coupled body must be stable too: its time step is explicit, so the damper
-dissipates at most the share `_SLOW` of its momentum in one step of the scene. While the scene runs in slow time, the
-damper may increase (`haptorb.worlds.scene_physics`), within the limits of the same loop.
+which they have a margin of `MIN_STABILITY_MARGIN`. The coupled body must be stable too: its time step is explicit, so
+the damper dissipates at most the share `_SLOW` of its momentum in one step of the scene. While the scene runs in slow
+time, the damper may increase (`haptorb.worlds.scene_physics`), within the limits of the same loop.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from haptorb.worlds.base import Sum, World
 from haptorb.worlds.scene import Scene
 
 __all__ = [
-    "ASSUMED",
-    "ENOUGH",
+    "DEFAULT_LATENCY_S",
+    "MIN_STABILITY_MARGIN",
     "Coupling",
     "CouplingSetting",
     "HeldMover",
@@ -123,8 +123,8 @@ def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
     return HeldMover(grip, float(rendered[:3].max()), float(rendered[3:].max()))
 
 
-ASSUMED = 5e-3  #: default latency of a tracker in a process of its own [s]
-ENOUGH = 1.5  #: stability margin of a coupling, for the variation between hands
+DEFAULT_LATENCY_S = 5e-3  #: default latency of a tracker in a process of its own [s]
+MIN_STABILITY_MARGIN = 1.5  #: stability margin of a coupling, for the variation between hands
 _SLOW = 0.3  #: share of a body's momentum that the damper dissipates in one step of the scene
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the larger first
 _MIN_STIFFNESS_RATIO = 0.8  #: a larger damping ratio is preferred down to this share of the stiffness
@@ -201,7 +201,7 @@ def _find_slow_damping(loop: SampledLoop, hand: HandGrip, square: float, stiffne
         return loop.largest(hand, square * stiffness, square * factor * damping)
 
     low, high = 1.0, _MAX_DAMPING_GROWTH
-    enough = min(ENOUGH, margin(low))
+    enough = min(MIN_STABILITY_MARGIN, margin(low))
     if margin(high) >= enough:
         return high * damping
     while high > 1.01 * low:
@@ -240,7 +240,7 @@ class CouplingSetting:
     """Operating conditions of `device`: `rate` [Hz], grip `hand`, pose from `estimator`.
 
     fed      poses come from a tracker with a process of its own
-    latency  of that tracker [s]; None: `ASSUMED`
+    latency  of that tracker [s]; None: `DEFAULT_LATENCY_S`
     """
 
     device: Device
@@ -265,7 +265,7 @@ class CouplingSetting:
     def loop(self) -> SampledLoop:
         """Timing of the loop for which a coupling is chosen."""
         coils = self.device.coils
-        late = self.latency if self.latency is not None else (ASSUMED if self.fed else 0.0)
+        late = self.latency if self.latency is not None else (DEFAULT_LATENCY_S if self.fed else 0.0)
         theta = 0.0
         if self.estimator == "hall":
             theta = memory(2 * math.pi * HallTracker(electromagnet(self.device)).bandwidth / self.rate)
@@ -298,11 +298,11 @@ def _choose(
         most = (_SLOW * mass / step / (2.0 * ratio)) ** 2 / mass
         low, high = _SOFT, min(most, stiffest)
         limit = "body"
-        if _margin(loop, hand, square, mass, ratio, high) < ENOUGH:
+        if _margin(loop, hand, square, mass, ratio, high) < MIN_STABILITY_MARGIN:
             limit = "loop"
             while high > 1.01 * low:
                 middle = math.sqrt(low * high)
-                if _margin(loop, hand, square, mass, ratio, middle) >= ENOUGH:
+                if _margin(loop, hand, square, mass, ratio, middle) >= MIN_STABILITY_MARGIN:
                     low = middle
                 else:
                     high = middle

@@ -194,7 +194,7 @@ def coil_slopes(device: SphericalElectromagnet) -> Array:
 # Manufacturing errors of coils and core: effect on the wrench on the magnet, and on the field at the sensors.
 #
 # A displaced winding moves its own field; the core's response remains centred on the core, except for the second
-# harmonic of the response to an off-centre winding (`Windings.answer_shift`). Other sizes change the strengths of the
+# harmonic of the response to an off-centre winding (`Windings.response_shift`). Other sizes change the strengths of the
 # zonal terms. Where the moments per ampere were measured as fields, all this is relative to the same field at the
 # point of measurement.
 
@@ -233,7 +233,7 @@ class BuiltCoils:
             np.stack([CentredCoil(coil, ball, wound.nearest).terms(wound.reach, count) for coil in windings.coils])
             for ball in (core, alone)
         )
-        self._shift = windings.answer_shift(core)
+        self._shift = windings.response_shift(core)
         self._own: Array = alone_terms * (wound.terms[:, :1] / raw[:, :1])
         self._core: Array = wound.terms - self._own
         closest = max(device.contact_distance - device.tool.length / 2, device.dome_radius)
@@ -273,13 +273,13 @@ class BuiltCoils:
         """
         sizes, wound = np.linalg.norm(moments, axis=0), self._wound
         axes = np.ascontiguousarray((moments / sizes).T)
-        answered = built.core + np.einsum("jab,jb->ja", self._shift, built.core - built.offsets)
-        along, core = (built.offsets * axes).sum(axis=1), (answered * axes).sum(axis=1)
+        moved = built.core + np.einsum("jab,jb->ja", self._shift, built.core - built.offsets)
+        along, core = (built.offsets * axes).sum(axis=1), (moved * axes).sum(axis=1)
         scale = sizes / self._sizes / (1.0 + self._steeper[0] * along + self._steeper[1] * core)
         winding: Array = self._own + more + np.einsum("sjk,sj->jk", self._by_size, built.sizes)
-        own, answers = (np.ascontiguousarray(scale[:, None] * terms) for terms in (winding, self._core))
+        own, responses = (np.ascontiguousarray(scale[:, None] * terms) for terms in (winding, self._core))
         out, windings, middle = np.empty((6, len(sizes))), np.empty((6, len(sizes))), wound.centres + built.whole
-        fill_wound(rows, answers, wound.reach, wound.nearest, axes, middle + answered, p, R, out)
+        fill_wound(rows, responses, wound.reach, wound.nearest, axes, middle + moved, p, R, out)
         fill_wound(rows, own, wound.reach, wound.nearest, axes, middle + built.offsets, p, R, windings)
         out += windings
         return out

@@ -157,9 +157,9 @@ class ErrorModel(ABC, Generic[T, P]):
 
 
 COVERAGE = 0.95  #: probability of the bands
-_FEWEST = 100
+_MIN_SAMPLES = 100
 _RESAMPLES = 1000  #: number of bootstrap resamples for the intervals of the shares
-_SHARED = 0.2  #: share of the samples used for the sensitivity indices, which need many trials each
+_SENSITIVITY_FRACTION = 0.2  #: share of the samples used for the sensitivity indices, which need many trials each
 Report = Callable[[float], None]
 
 
@@ -234,11 +234,11 @@ def error_budget(
 
     Raises InputError for fewer than 100 samples or a negative seed.
     """
-    if samples < _FEWEST or seed < 0:
-        raise InputError(f"samples must be {_FEWEST} or more and seed 0 or more; got {samples} and {seed}")
+    if samples < _MIN_SAMPLES or seed < 0:
+        raise InputError(f"samples must be {_MIN_SAMPLES} or more and seed 0 or more; got {samples} and {seed}")
     rng = np.random.default_rng(seed)
     regions, pairs = len(model.regions), samples // 2
-    shared = max(int(_SHARED * pairs), _FEWEST // 2)
+    shared = max(int(_SENSITIVITY_FRACTION * pairs), _MIN_SAMPLES // 2)
     errors = np.empty((regions, 2 * pairs, 3))
     lone: list[Array] = []
     split: list[Array] = []
@@ -318,7 +318,7 @@ def _rank_sources(model: ErrorModel[T, P], alone: Array, split: Array, seed: int
 # Magnitude of the commanded wrench: feasible everywhere in the workspace.
 
 
-_SHARE = 0.5  #: of the smallest peak wrench: the default magnitude
+_DEFAULT_FRACTION = 0.5  #: of the smallest peak wrench: the default magnitude
 
 
 def choose_size(device: str, asked: float | None, most: float, unit: str) -> float:
@@ -330,8 +330,8 @@ def choose_size(device: str, asked: float | None, most: float, unit: str) -> flo
     0.07
     """
     if asked is None:
-        digit = 10.0 ** np.floor(np.log10(_SHARE * most))
-        return float(f"{np.round(_SHARE * most / digit) * digit:.1g}")
+        digit = 10.0 ** np.floor(np.log10(_DEFAULT_FRACTION * most))
+        return float(f"{np.round(_DEFAULT_FRACTION * most / digit) * digit:.1g}")
     if not 0.0 < asked <= most:
         raise InputError(
             f"device '{device}' produces at most {format_quantity(most, unit)} in every direction everywhere in its "

@@ -241,7 +241,7 @@ def _hold_turning(device: SphericalElectromagnet | CoilArray) -> Callable[[HandG
 
 @workspace.register(SphericalMotor)
 def tilt_workspace(device: SphericalMotor) -> Workspace:
-    """Workspace in mode translate with the default gains, eq. (6b): tilts move the target, its force is fed back."""
+    """Workspace in mode translate with the default gains, eq. (6b): tilts move the object, its force is fed back."""
     rng = np.random.default_rng(0)
     tilt = device.workspace_tilt
     zeta, (eta_psi, eta_lam, eta_phi) = MOTOR_GAINS.translate, MOTOR_GAINS.translate_torque or (0.0, 0.0, 0.0)

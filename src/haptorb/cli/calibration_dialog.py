@@ -114,7 +114,7 @@ def guide_calibration(
             guide.notify(f"stopped before '{step.name}'; repeat the command to continue here")
             return None
         try:
-            progress.keep(step.name, _take_step(step, device, driver, pace, guide, progress, effort))
+            progress.store(step.name, _take_step(step, device, driver, pace, guide, progress, effort))
         except (CalibrationError, DriverError) as cause:
             raise type(cause)(
                 f"step '{step.name}': {cause}. Then repeat the command: it continues at this step"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic, sleep
@@ -22,7 +21,7 @@ from haptorb.runtime.drivers.registry import is_real, real_driver
 from haptorb.thermal import resistance_ratio
 
 __all__ = [
-    "RATE",
+    "RATE_HZ",
     "DriverSession",
     "Hand",
     "Pace",
@@ -40,7 +39,7 @@ __all__ = [
 # It needs only a driver, so that simulated and real devices are calibrated by the same code.
 
 
-RATE = 500.0  #: readings per second [Hz]: a firmware's watchdog waits 15 ms
+RATE_HZ = 500.0  #: readings per second [Hz]: a firmware's watchdog waits 15 ms
 _REST_S = 0.4  #: duration of the readings at rest
 _SETTLE_S, _HOLD_S = 0.012, 0.03  #: for each current: settling time that is discarded, and least total time
 _MIN_READINGS = 3  #: readings of every field sensor at each current
@@ -142,7 +141,7 @@ class DriverSession:
         return self._driver.simulated
 
     def hold(
-        self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE
+        self, duties: Array, seconds: float, settle: float = 0.0, rate: float = RATE_HZ
     ) -> tuple[list[Sample], Array]:
         """Apply `duties` for `seconds`; return the samples after `settle` [s] and the applied duties (m,)."""
         samples, applied = [], self._off
@@ -247,7 +246,7 @@ class DriverSession:
         wanted, currents, fields = self.excite(resistance, schedule)
         found = magnetic_calibration(device, wanted, currents, fields, self._driver.field_axes)
         strength = float(np.sqrt((fields**2).mean()))
-        averaged = np.sqrt(RATE * (self._hold() - _SETTLE_S) / self._turns)
+        averaged = np.sqrt(RATE_HZ * (self._hold() - _SETTLE_S) / self._turns)
         share = _MEASURE_SHARE + 2 * coil_error(device)
         most = _MAX_NOISE_SHARE * np.hypot(device.hall.noise, device.hall.step) / averaged + share * strength
         if found.residual > most:
@@ -281,7 +280,7 @@ class DriverSession:
             samples, _ = self.hold(self._off, 0.06, _SETTLE_S)
             mean_field(samples)
             self._turns = len(samples) / int(np.isfinite([sample.field for sample in samples]).sum(axis=0).min())
-        return max(_HOLD_S, _SETTLE_S + _MIN_READINGS * self._turns / RATE)
+        return max(_HOLD_S, _SETTLE_S + _MIN_READINGS * self._turns / RATE_HZ)
 
 
 def mean_field(samples: Sequence[Sample]) -> Array:
@@ -309,24 +308,12 @@ _PHYSICS_STEP_S = 1e-3  #: step of its physics: nothing moves, and currents and 
 _RESPONSE_TIMEOUT_S = 0.05  #: response timeout of the device: one late answer must not end six minutes of heating
 
 
-@dataclass(frozen=True)
-class _ClampedHand:
-    """A hand that holds the tool at rest, upright."""
-
-    p: Array
-    q: Array
-    stamp: float = 0.0
-    held: bool = False
-    still: bool = False
-    grip: float = math.nan
-
-
 def make_driver(
     name: str, device: SphericalElectromagnet, seed: int = 0, *, watchdog: bool = True
 ) -> tuple[Driver, Pace]:
     """Return the driver `name` of `device`, not open yet, and its pace; UnknownName or InputError if there is none."""
     if is_real(name):
-        return real_driver(name, device, patience=_RESPONSE_TIMEOUT_S, watchdog=watchdog), Pace()
+        return real_driver(name, device, timeout=_RESPONSE_TIMEOUT_S, watchdog=watchdog), Pace()
     from haptorb.runtime.drivers.registry import check_driver
     from haptorb.runtime.drivers.sim import SimDriver
     from haptorb.simulation.electromagnet import SimulatedElectromagnet
@@ -340,13 +327,14 @@ def make_driver(
 def hold_tool(driver: Driver, device: SphericalElectromagnet, hand: Hand) -> None:
     """Let a simulated hand hold the tool on the summit, half a metre above it, or move it over the dome; with a real
     device the user does."""
+    from haptorb.estimation.types import HandGoal
     from haptorb.runtime.drivers.sim import SimDriver
     from haptorb.simulation.hand_motion import lead_tool
 
     if isinstance(driver, SimDriver):
         if hand == "led":
-            driver.goal = lambda now: _ClampedHand(*lead_tool(device, now), now)
+            driver.goal = lambda now: HandGoal(*lead_tool(device, now), now, False)
             return
         height = device.contact_distance if hand == "summit" else 0.5
-        held = _ClampedHand(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]))
+        held = HandGoal(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
         driver.goal = lambda now: held

@@ -95,7 +95,7 @@ class ProgressFile:
         self.results = results
         return ""
 
-    def keep(self, name: str, result: dict[str, Any]) -> None:
+    def store(self, name: str, result: dict[str, Any]) -> None:
         """Store the result of a step; CalibrationError if it cannot be written."""
         self.results[name] = result
         content = {**self._head, "written": self._clock(), "steps": self.results}

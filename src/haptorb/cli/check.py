@@ -203,7 +203,7 @@ def judge_scene(
     Raises UnknownName and InputError for an invalid scene, body or value.
     """
     from haptorb.analysis.coupling import couple_world, measure_margin
-    from haptorb.cli.check_world import ENOUGH
+    from haptorb.cli.check_world import MIN_STABILITY_MARGIN
     from haptorb.cli.world_option import choose_scene_option
     from haptorb.display import format_number
     from haptorb.worlds.scene import Scene
@@ -214,7 +214,7 @@ def judge_scene(
     assert isinstance(chosen, Scene)
     coupled = chosen.for_device(device)
     margin = measure_margin(coupled, device, loop, setting.hand)
-    verdict = "inside" if margin >= ENOUGH else ("close" if margin > 1.0 else "outside")
+    verdict = "inside" if margin >= MIN_STABILITY_MARGIN else ("close" if margin > 1.0 else "outside")
     numbers = {
         "device": device.name, "scene": coupled.model.title, "body": coupled.body, "verdict": verdict,
         "margin": margin, "chosen": not found.stiffness, "stiffness_n_per_m": coupled.stiffness,

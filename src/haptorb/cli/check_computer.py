@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 __all__ = [
-    "LATENESS",
-    "SUCCESS",
+    "MAX_LATENESS_US",
+    "MIN_ON_TIME_FRACTION",
     "Fitness",
     "Machine",
     "StolenTime",
@@ -141,8 +141,8 @@ def _text(path: str) -> str:
         return ""
 
 
-SUCCESS = 0.999  #: share of ticks that must begin and end within their period
-LATENESS = 150.0  #: 99 of 100 ticks must begin less than this after their deadline [µs]
+MIN_ON_TIME_FRACTION = 0.999  #: share of ticks that must begin and end within their period
+MAX_LATENESS_US = 150.0  #: 99 of 100 ticks must begin less than this after their deadline [µs]
 
 _NAN = float("nan")
 
@@ -182,8 +182,13 @@ class Fitness(NotebookReport):
         success, late = _number(self.report["success_rate"]), _number(self.report["lateness_us"]["p99"])
         trips = [trip["code"] for trip in self.report["trips"]]
         return (
-            Verdict("ticks on time", f"{100 * success:.3f} %", f"at least {100 * SUCCESS:g} %", success >= SUCCESS),
-            Verdict("lateness, 99 %", f"{late:.0f} µs", f"at most {LATENESS:g} µs", late <= LATENESS),
+            Verdict(
+                "ticks on time",
+                f"{100 * success:.3f} %",
+                f"at least {100 * MIN_ON_TIME_FRACTION:g} %",
+                success >= MIN_ON_TIME_FRACTION,
+            ),
+            Verdict("lateness, 99 %", f"{late:.0f} µs", f"at most {MAX_LATENESS_US:g} µs", late <= MAX_LATENESS_US),
             Verdict("trips", ", ".join(trips) or "none", "none", not trips),
         )
 
@@ -223,7 +228,7 @@ class Fitness(NotebookReport):
             found.append("One core is not enough for a loop and a console: use two or more.")
         if self.machine.governor not in ("", "performance"):
             found.append(f"The processor's clock follows '{self.machine.governor}': set it to 'performance'.")
-        if not self.machine.preemptible and late > LATENESS:
+        if not self.machine.preemptible and late > MAX_LATENESS_US:
             found.append("This kernel cannot be interrupted everywhere: use one with PREEMPT or PREEMPT_RT.")
         if not found:
             found.append("No clear cause found: look for other real-time programs, and measure again for longer.")

@@ -30,11 +30,10 @@ from haptorb.errors import InputError
 from haptorb.estimation.hall_tracker import memory
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.notebook import NotebookReport
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.electromagnet import SimulatedElectromagnet
 from haptorb.terminal import Column, TextTable, make_console, print_table, print_text
 from haptorb.worlds.base import World, WrenchPart, check_part
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 __all__ = [
-    "ENOUGH",
+    "MIN_STABILITY_MARGIN",
     "PoseDelay",
     "Setting",
     "WorldVerdict",
@@ -58,7 +57,7 @@ __all__ = [
 ]
 
 
-ENOUGH = 1.5  #: required stability margin: hands differ
+MIN_STABILITY_MARGIN = 1.5  #: required stability margin: hands differ
 _CHECKED_PLACES = 4  #: places checked for a world with memory: the steepest
 _MAX_RATE_HZ = 4000.0  #: highest servo rate [Hz]
 
@@ -127,7 +126,7 @@ class WorldVerdict(NotebookReport):
     @property
     def verdict(self) -> str:
         """Return "inside", "close" or "outside"."""
-        if self.margin >= ENOUGH:
+        if self.margin >= MIN_STABILITY_MARGIN:
             return "inside"
         return "close" if self.margin > 1.0 else "outside"
 
@@ -149,13 +148,13 @@ class WorldVerdict(NotebookReport):
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """Return recommendations, each sufficient by itself; empty for a world inside the boundary."""
-        if self.margin >= ENOUGH:
+        if self.margin >= MIN_STABILITY_MARGIN:
             return ()
         if self.turning is not None and self.turning.margin <= self.margin:
             return self.turning.advice
         if self.margin == 0.0:  # without damping in the hand no stiffness is stable
             return ()
-        found = [f"Make the world {ENOUGH / self.margin:.3g} times weaker or wider (`--set`)."]
+        found = [f"Make the world {MIN_STABILITY_MARGIN / self.margin:.3g} times weaker or wider (`--set`)."]
         setting = self.setting
         if setting.tracker_rate is not None:
             faster = _least(lambda x: self._compute_factor(tracker_rate=x * setting.tracker_rate), 64.0)
@@ -272,12 +271,12 @@ def _factor(loop: SampledLoop, hand: HandGrip, one: Steepness) -> float:
 
 def _least(margin: Any, most: float) -> float | None:
     """Return the smallest factor from 1 to `most` for which margin(factor) is sufficient; None if there is none."""
-    if most <= 1.0 or margin(most) < ENOUGH:
+    if most <= 1.0 or margin(most) < MIN_STABILITY_MARGIN:
         return None
     low, high = 1.0, most
     while high - low > 0.01 * high:
         middle = math.sqrt(low * high)
-        low, high = (low, middle) if margin(middle) >= ENOUGH else (middle, high)
+        low, high = (low, middle) if margin(middle) >= MIN_STABILITY_MARGIN else (middle, high)
     return high
 
 
@@ -530,9 +529,9 @@ def is_growing(
     lean = np.array([_PUSH_FORCE_N / max(grip.stiffness, 1.0), 0.0, 0.0])
     pushed_for = 0.25 * 2 * pi * ((grip.mass + device.tool.mass) / (stiffness + grip.stiffness)) ** 0.5
 
-    def goal(now: float) -> Goal:
+    def goal(now: float) -> HandGoal:
         pushed = _RAMP_END_S <= now < _RAMP_END_S + pushed_for
-        return Goal(middle + lean if pushed else middle, upright, now, False)
+        return HandGoal(middle + lean if pushed else middle, upright, now, False)
 
     dt = 1 / rate
     inner = SimDriver(SimulatedElectromagnet(held, step=_SIMULATION_STEP_S), dt, goal)

@@ -42,7 +42,14 @@ def frame(
     json: Annotated[bool, typer.Option("--json", help="Print the frame as JSON.")] = False,
 ) -> None:
     """Register a tracker's frame: touch the dome and its marks, roll the tool. Then use haptorb run --frame FILE."""
-    from haptorb.cli.frame_dialog import PACE, Rehearsal, check_device, measure_miss, register_frame, rehearsal_port
+    from haptorb.cli.frame_dialog import (
+        TIME_SCALE,
+        Rehearsal,
+        check_device,
+        measure_miss,
+        register_frame,
+        rehearsal_port,
+    )
     from haptorb.cli.progress import time_bar
     from haptorb.devices.loader import load
     from haptorb.estimation.calibration_file import check_writable, write_frame
@@ -78,7 +85,9 @@ def frame(
         feed = feed_of(preparation.spec, preparation.descriptor, lambda: 0.0)
         preparation.descriptor = -1  # owned by the feed from here on
         opened.callback(feed.close)
-        result = register_frame(found, feed, prompt=prompt, notify=notify, bar=time_bar, pace=PACE if rehearse else 1.0)
+        result = register_frame(
+            found, feed, prompt=prompt, notify=notify, bar=time_bar, pace=TIME_SCALE if rehearse else 1.0
+        )
     if result is None:
         raise typer.Exit(1)
     written = TrackerFrame.of(result, found, found.tool.tip_distance, tracker, simulated=rehearse)

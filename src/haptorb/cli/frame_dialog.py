@@ -25,7 +25,7 @@ from haptorb.runtime.trackers.osc_feed import POSE
 from haptorb.simulation.synthetic_tracker import SimulatedPerson, SyntheticTracker
 
 __all__ = [
-    "PACE",
+    "TIME_SCALE",
     "Rehearsal",
     "Stroke",
     "check_device",
@@ -169,7 +169,7 @@ def _has_moved(p: Array, q: Array, place: Array, turn: Array) -> bool:
 # Rehearsal of the registration: a synthetic tracker that sends OSC, and a simulated person.
 
 
-PACE = 0.08  #: time scale of the simulated person
+TIME_SCALE = 0.08  #: time scale of the simulated person
 _REHEARSAL_RATE_HZ = 200.0  #: poses per second
 
 

@@ -126,13 +126,13 @@ def _run(run: Replay, out: Path | None, compare: Path | None, name: str, *, show
     with make_progress(show=show) as bar, run.write_to(out) if out else nullcontext() as written:
         task = bar.add_task("replaying", total=len(run))
 
-        def keep(rows: Array) -> None:
+        def store(rows: Array) -> None:
             if written is not None:
                 written.append(rows)
             if compare is not None:
                 curves.add(rows)
 
-        run.run(lambda ticks: bar.update(task, completed=ticks), keep)
+        run.run(lambda ticks: bar.update(task, completed=ticks), store)
     if compare is not None:
         figure = draw_comparison(run.read_recorded(SHOWN), curves.fields(), run.recorded.device.coils.names, name)
         write_figure(figure, compare, "--compare")

@@ -79,7 +79,7 @@ def worlds(
     console = make_console()
     world = find_world(name)
     print_text(console, f"{name}: {(world.__doc__ or '').splitlines()[0]}", "bold")
-    print_text(console, _energy_text(world.passive, world.continuous, world.needs_target), "dim")
+    print_text(console, _energy_text(world.passive, world.continuous, world.needs_object), "dim")
     made = world()
     if isinstance(made, DynamicWorld):
         print_text(console, f"memory: {', '.join(f'{one.name} [{one.unit}]' for one in made.memory_fields)}", "dim")
@@ -99,9 +99,9 @@ def worlds(
     print_table(console, table)
 
 
-def _energy_text(passive: bool, continuous: bool, needs_target: bool) -> str:
+def _energy_text(passive: bool, continuous: bool, needs_object: bool) -> str:
     energy = "passive: produces no energy" if passive else "active: a closed path can gain energy"
-    devices = "; for devices that move a target (motors)" if needs_target else ""
+    devices = "; for devices that move an object (motors)" if needs_object else ""
     return f"{energy}; {'continuous' if continuous else 'discontinuous'}{devices}"
 
 

@@ -51,7 +51,8 @@ def _learn_resistance(d: Record, coils: Records) -> None:
 
 @kernel
 def choose_duties(d: Record, coils: Records) -> None:
-    """Fill `duty` of `coils` (m,): duties that bring the currents to `held` at the end of the tick, against `emf`.
+    """Fill `duty` of `coils` (m,): duties that bring the currents to the commanded ones at the end of the tick, against
+    `emf`.
 
     d is a DRIVE. The resistances are estimated first. A voltage for less time than the last tick would overshoot.
     """
@@ -59,9 +60,10 @@ def choose_duties(d: Record, coils: Records) -> None:
     largest = 0.0
     for j in range(coils.size):
         c = coils[j]
-        # Eq. (4) for the current that this tick's exponential must approach to be at `held` when the tick ends, plus
-        # the back-EMF of the moving mover.
-        aim = c.resistance * (c.driven + (c.held - c.driven) / (1.0 - _decay_share(c, d.dt)))
+        # Eq. (4) for the current that this tick's exponential must approach to be at `current_commanded` when the tick
+        # ends, plus the back-EMF of the moving mover.
+        change = (c.current_commanded - c.current_expected) / (1.0 - _decay_share(c, d.dt))
+        aim = c.resistance * (c.current_expected + change)
         c.duty = (aim + c.emf) / d.supply
         largest = max(largest, abs(c.duty))
     for j in range(coils.size):
@@ -70,9 +72,10 @@ def choose_duties(d: Record, coils: Records) -> None:
         if largest > 1.0:  # safety: duties-are-bounded
             c.duty /= largest
             reached = (c.duty * d.supply - c.emf) / c.resistance
-            c.driven = reached + (c.driven - reached) * _decay_share(c, d.dt)  # limited by the supply voltage
+            # limited by the supply voltage
+            c.current_expected = reached + (c.current_expected - reached) * _decay_share(c, d.dt)
         else:
-            c.driven = c.held
+            c.current_expected = c.current_commanded
 
 
 @kernel
@@ -80,7 +83,7 @@ def rest_coils(coils: Records) -> None:
     """Set `duty` of `coils` (m,) to zero; the next commanded current starts from zero."""
     for j in range(coils.size):
         c = coils[j]
-        c.driven = c.drive_emf = c.duty = 0.0
+        c.current_expected = c.drive_emf = c.duty = 0.0
 
 
 def lag_of(resistance: Array, inductance: Array, dt: float) -> float:

@@ -58,7 +58,8 @@ def _steps(g: Record, now: Array) -> tuple[float, float]:
 
 @kernel
 def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
-    """g.wanted (6,) becomes `wrench` (6,) [N, N·m]; a change of the commanding client or mapping passes through zero.
+    """g.wrench_rendered (6,) becomes `wrench` (6,) [N, N·m]; a change of the commanding client or mapping passes
+    through zero.
 
     g.commanded is the part that the client `session` commands through its `mapping`; it changes at the rate limits at
     most. Another client, and another mapping, are rendered once the previous force has become zero. So is another
@@ -67,7 +68,7 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     total = 0.0
     for i in range(6):
         total += wrench[i] + g.commanded[i]
-        g.wanted[i] = wrench[i]
+        g.wrench_rendered[i] = wrench[i]
     if not np.isfinite(total):  # the limits on the wrench handle it
         return
     if g.gain == 0.0 and (g.state == _OFF or g.state == _TRIPPED):
@@ -82,7 +83,7 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     if silent:
         g.session, g.mapping = session, mapping
     share = 1.0 if g.session == session and g.mapping == mapping else 0.0  # safety: clients-pass-zero
-    goal = g.wanted  # used as scratch space
+    goal = g.wrench_rendered  # used as scratch space
     for i in range(6):
         goal[i] = share * g.commanded[i]
     _approach(g.client[:3], goal[:3], g.force, force)  # safety: client-force-rate
@@ -109,7 +110,7 @@ def pass_over(g: Record, wrench: Array, session: float, mapping: float) -> None:
     for i in range(6):
         whole = whole and g.client[i] == g.commanded[i]
     for i in range(6):
-        g.wanted[i] = wrench[i] if whole else g.world[i] + g.client[i]
+        g.wrench_rendered[i] = wrench[i] if whole else g.world[i] + g.client[i]
 
 
 @kernel
@@ -118,7 +119,7 @@ def note_uncommanded(g: Record) -> None:
     for k in range(2):
         change = 0.0
         for i in range(3 * k, 3 * k + 3):
-            own = g.asked[i] - g.gain * g.client[i]
+            own = g.wrench_commanded[i] - g.gain * g.client[i]
             change += (own - g.uncommanded[i]) ** 2
             g.uncommanded[i] = own
             g.client_flows = g.client_flows or g.client[i] != 0.0
@@ -126,24 +127,24 @@ def note_uncommanded(g: Record) -> None:
 
 
 @kernel
-def _find_steps(coils: Records, k: int, wanted: Array, scale: float) -> tuple[float, float]:
-    """Changes from the driven currents to `held`, and from `held` to `scale` of `wanted` (m,) [A], as force [N], k = 0,
-    or torque [N·m], k = 1, at this pose."""
+def _find_steps(coils: Records, k: int, requested: Array, scale: float) -> tuple[float, float]:
+    """Changes from the expected currents to the commanded ones, and from these to `scale` of `requested` (m,) [A], as
+    force [N], k = 0, or torque [N·m], k = 1, at this pose."""
     step, behind = 0.0, 0.0
     for i in range(3 * k, 3 * k + 3):
         a, b = 0.0, 0.0
         for j in range(coils.size):
             c = coils[j]
-            a += c.wrench[i] * (c.held - c.driven)
-            b += c.wrench[i] * (scale * wanted[j] - c.held)
+            a += c.wrench[i] * (c.current_commanded - c.current_expected)
+            b += c.wrench[i] * (scale * requested[j] - c.current_commanded)
         step += a * a
         behind += b * b
     return np.sqrt(step), np.sqrt(behind)
 
 
 @kernel
-def limit_client_rate(g: Record, coils: Records, wanted: Array, scale: float, pushes: bool, turns: bool) -> None:
-    """Rate limit: shorten the step from the driven currents to `held` to the largest rate of a client's force.
+def limit_client_rate(g: Record, coils: Records, requested: Array, scale: float, pushes: bool, turns: bool) -> None:
+    """Rate limit: shorten the step from the expected to the commanded currents to the largest rate of a client's force.
 
     The commanded wrench respects that rate already; but currents that were limited or slewed would catch up in one
     step. The part that no client commands is not limited: it may step by its change since the currents last matched the
@@ -153,16 +154,16 @@ def limit_client_rate(g: Record, coils: Records, wanted: Array, scale: float, pu
     for k in range(2):
         if turns if k == 1 else pushes:
             allowed = (g.torque_rate if k == 1 else g.force_rate) * g.dt + g.allowance[k]
-            step, _ = _find_steps(coils, k, wanted, scale)
+            step, _ = _find_steps(coils, k, requested, scale)
             if step > allowed:
                 share = min(share, allowed / step)
     if share < 1.0:
         for j in range(coils.size):
             c = coils[j]
-            c.held = c.driven + share * (c.held - c.driven)
+            c.current_commanded = c.current_expected + share * (c.current_commanded - c.current_expected)
     silent = True
     for k in range(2):
-        _, behind = _find_steps(coils, k, wanted, scale)
+        _, behind = _find_steps(coils, k, requested, scale)
         if behind < g.allowance[k]:
             g.allowance[k] = behind
         if turns if k == 1 else pushes:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import final
 
 from haptorb.arrays import StateArray, Stateful, make_numbers
-from haptorb.devices.base import HANDOVER
+from haptorb.devices.base import HANDOVER_TIME_S
 from haptorb.devices.gripper import Gripper
 
 __all__ = ["GripperGuard"]
@@ -26,7 +26,7 @@ class GripperGuard(Stateful):
     """
 
     def __init__(self, gripper: Gripper, dt: float) -> None:
-        self._most, self._step = gripper.force, gripper.force * dt / HANDOVER
+        self._most, self._step = gripper.force, gripper.force * dt / HANDOVER_TIME_S
         self._force, self._session = 0.0, 0.0
         self._kept = make_numbers("force", "session")
 

@@ -21,9 +21,9 @@ from haptorb.devices.base import Device
 
 __all__ = [
     "COIL",
-    "CREDIT",
+    "ENERGY_CREDIT_J",
+    "HISTORY_TICKS",
     "PROTECTION",
-    "TICKS",
     "begin_tick",
     "check_estimate",
     "check_readings",
@@ -104,9 +104,9 @@ def _fade(g: Record) -> None:
 
 @kernel
 def limit_wrench(g: Record) -> None:
-    """Clamp and fade g.asked, a wrench (6,) [N, N·m], to the part that may be commanded now; zero when it is off."""
+    """Clamp and fade g.wrench_commanded (6,) [N, N·m] to the part that may be commanded now; zero when it is off."""
     _fade(g)
-    wrench = g.asked
+    wrench = g.wrench_commanded
     force, torque = 0.0, 0.0
     for i in range(3):
         force += wrench[i] * wrench[i]
@@ -140,10 +140,10 @@ def check_readings(coils: Records) -> int:
 
 
 @kernel
-def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushes: bool, turns: bool) -> None:
-    """Fill `held` of `coils` (m,) with the part of `wanted` (m,) [A] that may flow: clamped, slew-limited, derated when
-    warm, limited to the rate of a client's force, zero when off. pushes, turns: whether force and torque are
-    rendered."""
+def limit_currents(g: Record, heat: Record, coils: Records, requested: Array, pushes: bool, turns: bool) -> None:
+    """Fill `current_commanded` of `coils` (m,) with the part of `requested` (m,) [A] that may flow: clamped,
+    slew-limited, derated when warm, limited to the rate of a client's force, zero when off. pushes, turns: whether
+    force and torque are rendered."""
     if g.restarted:
         _clear_currents(g, coils)
         g.restarted = False
@@ -156,14 +156,14 @@ def limit_currents(g: Record, heat: Record, coils: Records, wanted: Array, pushe
         g.state = _DERATED
     elif g.state == _DERATED and heat.hottest < heat.derate - _DERATING_HYSTERESIS_K:
         g.state = _RUNNING
-    for j in range(wanted.size):
-        if not np.isfinite(wanted[j]):  # safety: nan-currents-trip
+    for j in range(requested.size):
+        if not np.isfinite(requested[j]):  # safety: nan-currents-trip
             trip(g, _CURRENTS)
             _clear_currents(g, coils)
             return
-    scale = _hold(g, coils, wanted, derating_share(heat))  # safety: warm-coils-are-derated
+    scale = _hold(g, coils, requested, derating_share(heat))  # safety: warm-coils-are-derated
     if g.client_flows and g.state != _TRIPPED:  # safety: fades-are-free
-        limit_client_rate(g, coils, wanted, scale, pushes, turns)  # safety: clients-flow-at-their-rate
+        limit_client_rate(g, coils, requested, scale, pushes, turns)  # safety: clients-flow-at-their-rate
 
 
 @kernel
@@ -171,31 +171,31 @@ def _clear_currents(g: Record, coils: Records) -> None:
     g.allowance[:] = 0.0
     g.client_flows = False
     for j in range(coils.size):
-        coils[j].held = 0.0
+        coils[j].current_commanded = 0.0
 
 
 @kernel
-def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
-    """Scale `share` of `wanted` (m,) [A] into the limits of coils and supply, then apply the slew-rate limit.
+def _hold(g: Record, coils: Records, requested: Array, share: float) -> float:
+    """Scale `share` of `requested` (m,) [A] into the limits of coils and supply, then apply the slew-rate limit.
 
     Returns the scale. Directions are preserved. The result is within the supply's power too, because it lies between
     two currents that are.
     """
     scale, step = share, g.slew * g.dt
-    for j in range(wanted.size):
-        if abs(wanted[j]) * scale > coils[j].limit:  # safety: current-is-clamped
-            scale = coils[j].limit / abs(wanted[j])
+    for j in range(requested.size):
+        if abs(requested[j]) * scale > coils[j].limit:  # safety: current-is-clamped
+            scale = coils[j].limit / abs(requested[j])
     power = 0.0
-    for j in range(wanted.size):
-        power += coils[j].hot * (scale * wanted[j]) ** 2
+    for j in range(requested.size):
+        power += coils[j].hot * (scale * requested[j]) ** 2
     if power > g.power:  # safety: supply-power-is-kept
         scale *= np.sqrt(g.power / power)
     largest = 0.0
-    for j in range(wanted.size):
-        largest = max(largest, abs(scale * wanted[j] - coils[j].held))
+    for j in range(requested.size):
+        largest = max(largest, abs(scale * requested[j] - coils[j].current_commanded))
     slewed = 1.0 if largest <= step else step / largest  # safety: current-slews
-    for j in range(wanted.size):
-        coils[j].held += slewed * (scale * wanted[j] - coils[j].held)
+    for j in range(requested.size):
+        coils[j].current_commanded += slewed * (scale * requested[j] - coils[j].current_commanded)
     return scale
 
 
@@ -207,8 +207,8 @@ def _hold(g: Record, coils: Records, wanted: Array, share: float) -> float:
 # modules.
 
 
-CREDIT = 2e-4  #: energy that may be generated before passivity control acts [J]: 0.1 kg at 6 cm/s
-TICKS = 128  #: length of the wrench history of passivity control, from the last pose but one on
+ENERGY_CREDIT_J = 2e-4  #: energy that may be generated before passivity control acts [J]: 0.1 kg at 6 cm/s
+HISTORY_TICKS = 128  #: length of the wrench history of passivity control, from the last pose but one on
 _OVERCURRENT_RATIO = 1.25  #: ratio of measured to allowed current that indicates a fault of wiring or driver
 _MIN_WINDING_K, _MAX_WINDING_K = 233.15, 453.15  #: a winding temperature outside this range indicates a fault [K]
 _MIN_LEARNING_CURRENT = 0.025  #: current, relative to the limit, above which its resistance is estimated
@@ -229,7 +229,7 @@ GUARD = fields(
     ("reason", "i8"),  # Trip: why the coils are off
     ("trips", "i8"),  # number of trips so far
     ("gain", "f8"),  # factor on the wrench now, 0 to 1
-    ("asked", "f8", (6,)),  # wrench that may be commanded now [N, N·m]
+    ("wrench_commanded", "f8", (6,)),  # wrench that may be commanded now [N, N·m]
     ("dt", "f8"),  # time by which ramps and slew advance in this tick [s]
     ("fresh", "?"),  # whether the last estimate was valid
     ("restarted", "?"),  # the device's watchdog has switched off: currents start at zero
@@ -247,8 +247,8 @@ GUARD = fields(
     ("world", "f8", (6,)),  # the wrench of the world without it, as rendered [N, N·m]
     ("leaving", "?"),  # a change of world: the wrench goes to zero
     ("arriving", "?"),  # and then to the wrench of the new world
-    ("wanted", "f8", (6,)),  # both together [N, N·m]
-    ("uncommanded", "f8", (6,)),  # part of `asked` that no client commands [N, N·m]
+    ("wrench_rendered", "f8", (6,)),  # both together [N, N·m]
+    ("uncommanded", "f8", (6,)),  # part of `wrench_commanded` that no client commands [N, N·m]
     ("allowance", "f8", (2,)),  # step of force [N] and torque [N·m] still allowed for this part
     ("client_flows", "?"),  # the currents contain a client's wrench: their change is limited to its rates
 )
@@ -312,8 +312,8 @@ PASSIVITY = fields(
     ("surplus", "f8"),
     ("motion", "f8", (6,)),  # velocity [m/s] and angular velocity [rad/s] since the pose before
     ("mean", "f8", (6,)),  # mean commanded wrench between the last two poses [N, N·m]
-    ("times", "f8", (TICKS,)),  # ring buffer: time from which each wrench was commanded [s]
-    ("wrenches", "f8", (TICKS, 6)),  # ring buffer: wrenches [N, N·m]
+    ("times", "f8", (HISTORY_TICKS,)),  # ring buffer: time from which each wrench was commanded [s]
+    ("wrenches", "f8", (HISTORY_TICKS, 6)),  # ring buffer: wrenches [N, N·m]
 )
 
 #: One record.
@@ -348,7 +348,7 @@ COIL = fields(
     ("wrench", "f8", (6,)),  # on the mover per ampere [N/A, N·m/A]
     ("emf", "f8"),  # voltage that the moving mover induces [V]
     # guard
-    ("held", "f8"),  # allocated current after the limits [A]
+    ("current_commanded", "f8"),  # allocated current after the limits [A]
     # heat
     ("winding", "f8"),  # temperature [K]
     ("body", "f8"),  # temperature [K]
@@ -364,7 +364,7 @@ COIL = fields(
     # drive
     ("resistance", "f8"),  # estimated [Ω]
     ("duty", "f8"),  # chosen in this tick, −1 to 1
-    ("driven", "f8"),  # expected current at the end of the tick [A]
+    ("current_expected", "f8"),  # expected current at the end of the tick [A]
     ("drive_current", "f8"),  # measured at the last resistance update [A]
     ("drive_emf", "f8"),  # emf at the last choice of duties [V]
     ("volts", "f8"),  # sliding mean of voltage times current [V·A]
@@ -409,7 +409,7 @@ def make_state(device: Device, dt: float, arm: float = 0.0, lag: float = 0.0) ->
     heat["core_capacity"] = 0.0 if thermal.coupling is None else thermal.coupling.core_capacity
     state["drive"]["supply"], state["drive"]["dt"] = device.supply.voltage, dt
     passivity["arm"], passivity["dt"], passivity["lag"] = arm, dt, lag
-    passivity["balance"], passivity["passive"], passivity["pushes"] = CREDIT, True, True
+    passivity["balance"], passivity["passive"], passivity["pushes"] = ENERGY_CREDIT_J, True, True
     passivity["stamp"] = passivity["newest"] = -np.inf
     return state
 

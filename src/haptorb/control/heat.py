@@ -16,7 +16,7 @@ import numpy as np
 
 from haptorb.arrays import Record, Records
 from haptorb.compiled import kernel
-from haptorb.control.missed_deadlines import SILENCE
+from haptorb.control.missed_deadlines import WATCHDOG_TIMEOUT_S
 from haptorb.thermal import warm_ratio
 
 __all__ = ["derating_share", "observe_heat", "remaining_time"]
@@ -206,7 +206,7 @@ def observe_heat(h: Record, coils: Records, elapsed: float) -> None:
     steps = max(1, int(np.ceil(elapsed / _MAX_INTEGRATION_STEP_S - 1e-9)))
     dt, weight = elapsed / steps, -np.expm1(-elapsed / _LOAD_AVERAGING_S)
     # After a long silence the device has switched off, at an unknown time: at the latest when its watchdog expired.
-    held = SILENCE / elapsed if elapsed > 1.05 * SILENCE else 0.0
+    held = WATCHDOG_TIMEOUT_S / elapsed if elapsed > 1.05 * WATCHDOG_TIMEOUT_S else 0.0
     if not h.started:
         _begin(h, coils)
     for j in range(coils.size):

@@ -226,7 +226,7 @@ class Linkage(Stateful, ABC):
         """Wrench of `world` on the hand with the mover at `mover`; one call per tick."""
 
     @abstractmethod
-    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+    def fill_mover_wrench(self, object_wrench: Array, wrench: Array) -> None:
         """Fill `wrench` (6,) on the mover [N, N·m] for `object_wrench` (6,), a part of the last `render`'s wrench on
         the object."""
 
@@ -262,7 +262,7 @@ class Direct(Linkage):
         wrench = world.wrench(mover)
         return RenderedWrench(wrench, mover, wrench, NO_CONTACTS, 0, _CLOSED, True)
 
-    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+    def fill_mover_wrench(self, object_wrench: Array, wrench: Array) -> None:
         """`wrench` (6,) becomes `object_wrench` (6,) itself [N, N·m]: object and mover are the same body."""
         wrench[:] = object_wrench
 
@@ -490,14 +490,14 @@ class ModedLinkage(Linkage):
     """A rotor moves an object through two modes; the wrench on the object is fed back as torque.
 
     gains                motion and torque gains
-    position, attitude   initial pose of the target: X', Y', Z' [m] and ψ', λ', φ' [rad]; zero: the plug fully inserted
+    position, attitude   initial pose of the object: X', Y', Z' [m] and ψ', λ', φ' [rad]; zero: the plug fully inserted
     arm                  distance from the motor's centre to the hand on its handle [m]
     ramp                 time in which the clutch engages, or releases [s]
     gap                  maximum time between two rotor states that count as one motion [s]; after a longer one the
                          clutch releases at once and engages again at the rotor's new orientation
 
     It starts released, and engages within `ramp`. Commands of mode and clutch take effect in the next tick; the
-    target's pose remains continuous at any time and in any state.
+    object's pose remains continuous at any time and in any state.
 
     Raises InputError for a time that is not above zero, and for an attitude beyond ±80° of λ'.
 
@@ -533,7 +533,7 @@ class ModedLinkage(Linkage):
         self._mode: Mode = "translate"
         self._engaged = True
         self._memory: Records = state_zeros(1, CLUTCH)  # updated in place in every tick
-        self._asked = np.zeros(6)
+        self._object_wrench = np.zeros(6)
         self._scale = self._scale_goal = 1.0
         self._numbers = make_numbers("mode", "engaged", "t", "scale", "scale_goal")
         self.restart()
@@ -580,24 +580,24 @@ class ModedLinkage(Linkage):
         if self._scale != self._scale_goal and self._t > -math.inf:
             self._slide_scale(t - self._t)
         self._t = t
-        target = State(t, pose[:3], pose[3], pose[4], pose[5])
+        body = State(t, pose[:3], pose[3], pose[4], pose[5])
         # Not `isinstance(world, ContactWorld)`: of an abstract class that costs 0.4 µs in every tick.
         render_contacts = getattr(world, "render_contacts", None)
         if render_contacts is None:
-            on_target, contacts = world.wrench(target), NO_CONTACTS
+            object_wrench, contacts = world.wrench(body), NO_CONTACTS
         else:
-            on_target, contacts = render_contacts(target)
+            object_wrench, contacts = render_contacts(body)
             contacts = ascontiguousarray(contacts, _FLOAT)  # for the kernel that fills the row
             if contacts.ndim != 2 or contacts.shape[1] != 8:
                 raise InputError(f"a world must give contacts of shape (n, 8); got shape {contacts.shape}")
-        if (on_target.shape if isinstance(on_target, np.ndarray) else np.shape(on_target)) != (6,):
-            raise InputError(f"a world must give force and torque, shape (6,); got {quote(on_target)}")
-        asked, wrench = self._asked, np.empty(6)
-        asked[:] = on_target  # a user's array of another memory layout would trigger another compilation of the kernel
-        fill_rotor_wrench(memory, asked, self._scale, wrench)
-        return RenderedWrench(wrench, target, on_target, contacts, _NUMBERS[self._mode], share, self._engaged)
+        if (object_wrench.shape if isinstance(object_wrench, np.ndarray) else np.shape(object_wrench)) != (6,):
+            raise InputError(f"a world must give force and torque, shape (6,); got {quote(object_wrench)}")
+        known, wrench = self._object_wrench, np.empty(6)
+        known[:] = object_wrench  # a user's array of another memory layout would compile the kernel once more
+        fill_rotor_wrench(memory, known, self._scale, wrench)
+        return RenderedWrench(wrench, body, object_wrench, contacts, _NUMBERS[self._mode], share, self._engaged)
 
-    def bring_back(self, object_wrench: Array, wrench: Array) -> None:
+    def fill_mover_wrench(self, object_wrench: Array, wrench: Array) -> None:
         """Fill `wrench` (6,) with the torque for `object_wrench` (6,), a part of the object's wrench [N, N·m]."""
         fill_rotor_wrench(self._memory, object_wrench, self._scale, wrench)
 
@@ -623,7 +623,7 @@ class ModedLinkage(Linkage):
         self._scale_goal = float(scale)
 
     def _aim(self) -> None:
-        """Set the target engagement of each mode."""
+        """Set the aimed engagement of each mode."""
         self._memory["moving_goal"] = self._engaged and self._mode == "translate"
         self._memory["turning_goal"] = self._engaged and self._mode == "rotate"
 

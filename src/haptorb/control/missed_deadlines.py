@@ -10,10 +10,10 @@ import numpy as np
 from haptorb.arrays import Record, Records, fields
 from haptorb.compiled import kernel
 
-__all__ = ["CLOCK", "SILENCE", "advance_clock", "make_clock", "silence_of"]
+__all__ = ["CLOCK", "WATCHDOG_TIMEOUT_S", "advance_clock", "make_clock", "silence_of"]
 
 
-SILENCE = 0.020  #: of the loop, after which the device's watchdog switches its coils off [s]
+WATCHDOG_TIMEOUT_S = 0.020  #: of the loop, after which the device's watchdog switches its coils off [s]
 _DEADLINE_WINDOW_S = 0.2  #: window of the deadline count [s]
 _MIN_MET_DEADLINES = 0.8  #: share of the deadlines that must be met within the window
 _MAX_COUNTED_GAP_S = 0.025  #: missed time counted for one gap at most [s]: a single pause is not an overrun
@@ -34,7 +34,7 @@ def silence_of(period: float) -> float:
     >>> silence_of(1e-3), silence_of(0.02)
     (0.02, 0.04)
     """
-    return max(SILENCE, 2.0 * period)
+    return max(WATCHDOG_TIMEOUT_S, 2.0 * period)
 
 
 def make_clock(period: float) -> Records:

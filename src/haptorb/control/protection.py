@@ -52,25 +52,25 @@ def protect_wrench(
     reversed: bool, session: float, mapping: float,
 ) -> None:  # fmt: skip
     """Start a tick at `now` [s]: the part of the world's `wrench` (6,) [N, N·m] that may be commanded, after rate
-    limits, damping and clamping, is in guard.asked of `state`, (1,) PROTECTION. The part of it that the client
-    `session` commands through its `mapping` is in guard.commanded. `estimate` gives pose and motion."""
+    limits, damping and clamping, is in guard.wrench_commanded of `state`, (1,) PROTECTION. The part of it that the
+    client `session` commands through its `mapping` is in guard.commanded. `estimate` gives pose and motion."""
     s = state[0]
     g, e = s.guard, s.estimate
     _keep_estimate(e, p, R, v, w)
     e.age, e.valid = age, valid
     begin_tick(s.clock, g, now)
     pass_over(g, wrench, session, mapping)
-    damp_wrench(s.passivity, e, g.wanted, now, g.gain, g.asked)
+    damp_wrench(s.passivity, e, g.wrench_rendered, now, g.gain, g.wrench_commanded)
     check_estimate(g, valid, age, reversed)
     limit_wrench(g)
 
 
 @tick_kernel
 def protect_currents(
-    state: Records, coils: Records, wanted: Array, matrix: Array, currents: Array, age: float, temperatures: Array,
+    state: Records, coils: Records, requested: Array, matrix: Array, currents: Array, age: float, temperatures: Array,
     applied: Array, duties: Array,
 ) -> None:  # fmt: skip
-    """Fill duties (m,) for the `wanted` currents (m,) [A]: limited, then driven; zero when the guard is off.
+    """Fill duties (m,) for the `requested` currents (m,) [A]: limited, then driven; zero when the guard is off.
 
     state (1,) PROTECTION and coils (m,) COIL; matrix (6, m) wrench per ampere; currents (m,) [A], `age` [s] old, and
     temperatures (m,) [K] are readings; applied (m,) are the duties since the last tick.
@@ -89,7 +89,7 @@ def protect_currents(
             trip(g, reason)
         elif not plausible:  # safety: current-mismatch-trips
             trip(g, _MISMATCH)
-    limit_currents(g, heat, coils, wanted, s.passivity.pushes, s.passivity.arm > 0.0)
+    limit_currents(g, heat, coils, requested, s.passivity.pushes, s.passivity.arm > 0.0)
     s.drive.dt = max(clock.elapsed, clock.period)
     if g.gain > 0.0:  # safety: off-means-zero-duties
         choose_duties(s.drive, coils)
@@ -144,7 +144,7 @@ class Protection(Stateful):
 
     arm     lever arm of the hand on a rotating mover [m]; 0 for a tool on which only force is rendered
     state   (1,) PROTECTION and coils (m,) COIL: its whole state
-    asked   (6,) wrench that may be commanded now [N, N·m]
+    wrench_commanded  (6,) wrench that may be commanded now [N, N·m]
     commanded  (6,) part of the world's wrench that a client commands in this tick [N, N·m]; the tick fills it
     duties  (m,) of this tick, −1 to 1
     """
@@ -158,7 +158,7 @@ class Protection(Stateful):
         # Read and written in every tick: access to scalars through a memoryview is twice as fast.
         self._state: Any = self._guard["state"].data
         self._stored: Any = self.state["passivity"]["stored"].data
-        self.asked: Array = self._guard["asked"][0]
+        self.wrench_commanded: Array = self._guard["wrench_commanded"][0]
         self.commanded: Array = self._guard["commanded"][0]
         spare = self.state.copy()  # compiled at construction, not in the loop
         skip_tick(spare, 0.0)
@@ -247,7 +247,7 @@ class Protection(Stateful):
         self.state["heat"]["started"] = False
         self.coils["load"] = 0.0
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         """Exclude the lateness of the next tick from the overrun count; for a device that is simulated."""
         self.state["clock"]["excused"] = True
 
@@ -270,16 +270,15 @@ class Protection(Stateful):
             self.state, wrench, mover.p, mover.R_SR, mover.v, mover.w, now, estimate.age, estimate.valid,
             estimate.reversed, session, mapping,
         )  # fmt: skip
-        return self.asked
+        return self.wrench_commanded
 
-    def protect_currents(self, wanted: Array, estimate: Estimate, sample: Sample, applied: Array) -> Array:
-        """(m,) duties for the part of `wanted` (m,) [A] that may flow, after `applied` (m,), the duties since the last
-        tick.
+    def protect_currents(self, current_requested: Array, estimate: Estimate, sample: Sample, applied: Array) -> Array:
+        """(m,) duties for the part of `current_requested` (m,) [A] that may flow, after the `applied` (m,) ones.
 
         Currents within limits and slew, derated when warm, zero when off or tripped. Duties in −1 to 1.
         """
         protect_currents(
-            self.state, self.coils, wanted, estimate.wrench_map.matrix, sample.currents, sample.currents_age,
+            self.state, self.coils, current_requested, estimate.wrench_map.matrix, sample.currents, sample.currents_age,
             sample.temperatures, applied, self.duties,
         )  # fmt: skip
         return self.duties

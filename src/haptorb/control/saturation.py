@@ -70,7 +70,7 @@ SATURATIONS = tuple(Saturation)  #: indexed by number: much faster than calling 
 # Power limit of the supply: all currents are scaled by one common factor, which preserves their direction.
 
 
-_HAIR = 1.0 - 1e-12  #: margin: the rounded sum of squares also stays below the limit
+_ROUNDING_MARGIN = 1.0 - 1e-12  #: margin: the rounded sum of squares also stays below the limit
 
 
 @kernel
@@ -84,7 +84,7 @@ def scale_to_power(currents: Array, resistance: Array, power: float) -> float:
         total += resistance[j] * currents[j] * currents[j]
     if not total > power:
         return 1.0
-    scale = np.sqrt(power / total) * _HAIR
+    scale = np.sqrt(power / total) * _ROUNDING_MARGIN
     for j in range(currents.size):
         currents[j] *= scale
     return float(scale)
@@ -138,7 +138,7 @@ def scale_to_limits(
         for j in range(m):
             active[i] += matrix[i, j] * currents[j]
     share = min(_share_within(passive, active, 0, limits.force), _share_within(passive, active, 3, limits.torque))
-    if share < 1.0:  # safety: what-comes-along-is-limited
+    if share < 1.0:  # safety: accompanying-force-is-limited
         scale *= share
         reason = _ALONG
         for j in range(m):

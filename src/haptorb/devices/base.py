@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 __all__ = [
-    "FARTHEST",
-    "ROOM",
+    "MAX_DISTANCE_M",
+    "ROOM_TEMPERATURE_K",
     "Coils",
     "Device",
     "DeviceKind",
@@ -148,10 +148,10 @@ def rotation_to_axis(axis: ArrayLike) -> Array:
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, c]])
 
 
-FARTHEST = 1.0  #: distance from the device's centre at which no tool can be meant [m]
+MAX_DISTANCE_M = 1.0  #: distance from the device's centre at which no tool can be meant [m]
 
 
-def check_distance(places: Array, what: str, farthest: float = FARTHEST) -> None:
+def check_distance(places: Array, what: str, farthest: float = MAX_DISTANCE_M) -> None:
     """Raise InputError if one of `places` (..., 3) [m] is more than `farthest` from the centre: it is in millimetres.
 
     >>> check_distance(np.array([0.0, 0.0, 50.0]), "p", farthest=2.0)  # doctest: +ELLIPSIS
@@ -532,7 +532,7 @@ class Heat:
 
 
 _SURPLUS = 1.25  #: a current limit that far above what the supply drives is within tolerances and warmth
-ROOM = 293.15  #: 20 °C, of COPPER_RESISTIVITY and of a supply held against a resistance [K]
+ROOM_TEMPERATURE_K = 293.15  #: 20 °C, of COPPER_RESISTIVITY and of a supply held against a resistance [K]
 
 
 @dataclass(frozen=True)
@@ -550,7 +550,9 @@ class Coils:
     @property
     def copper_resistivity(self) -> float:
         """Of annealed copper at the reference temperature [Ω·m], with the coils' temperature coefficient."""
-        return COPPER_RESISTIVITY * resistance_ratio(self.temperature_coefficient, ROOM, self.reference_temperature)
+        return COPPER_RESISTIVITY * resistance_ratio(
+            self.temperature_coefficient, ROOM_TEMPERATURE_K, self.reference_temperature
+        )
 
     def resistance_at(self, temperature: Array) -> Array:
         """(m,) resistance [Ω] at winding `temperature` (m,) [K]."""
@@ -569,7 +571,7 @@ class Supply:
 
 
 CONTACT_RATE = 150.0  #: of the force of a contact of 500 N/m that a hand meets at 0.3 m/s [N/s]
-HANDOVER = 0.02  #: in which the greatest force of a device can fade to zero [s]
+HANDOVER_TIME_S = 0.02  #: in which the greatest force of a device can fade to zero [s]
 
 
 @dataclass(frozen=True)
@@ -714,7 +716,7 @@ class Device(Presentable, ABC):
         that it does drive (`driven_current`).
         """
         coils, supply = self.coils, self.supply
-        cold = coils.resistance_at(np.full(self.channels, ROOM))
+        cold = coils.resistance_at(np.full(self.channels, ROOM_TEMPERATURE_K))
         worst = int(np.argmax(coils.current_limit * cold))
         driven = format_quantity(float(supply.voltage / cold[worst]), "A")
         hot = format_quantity(float(supply.voltage / self.greatest_resistance[worst]), "A")

@@ -39,7 +39,7 @@ from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
-    answer_to_source,
+    response_to_source,
     weigh_charges,
 )
 
@@ -310,13 +310,13 @@ class CoilArray(Device):
     def compute_magnetics(self, windings: PlacedCoils) -> ArrayMap:
         """`magnetics` with coils elsewhere: `windings` of the same sizes, as they may really be built."""
         charges, spans, magnets, soft = self.tool.charge_map
-        order, radius, answers, shares = 1, 0.0, np.zeros((self.channels, 3, 2)), np.zeros(3)
+        order, radius, responses, shares = 1, 0.0, np.zeros((self.channels, 3, 2)), np.zeros(3)
         if self.core is not None:
             order, radius = self._order(self.core), self.core.radius
             shares = weigh_charges(self.core, order)
-            answers = np.stack([answer_to_source(self.core, placed, order) for placed in place_coils(windings)])
+            responses = np.stack([response_to_source(self.core, placed, order) for placed in place_coils(windings)])
         return ArrayMap(
-            windings.placed, *windings.tables, charges, spans, magnets, soft, radius, order, answers, shares
+            windings.placed, *windings.tables, charges, spans, magnets, soft, radius, order, responses, shares
         )
 
     def _order(self, core: SoftSphere) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 from haptorb.arrays import Array, Record, Records, fields
 from haptorb.compiled import kernel
 from haptorb.magnetics.coil import table_field
-from haptorb.magnetics.soft_sphere import add_answers, answer_to_charges, harmonic_sums
+from haptorb.magnetics.soft_sphere import add_response_wrench, harmonic_sums, response_to_charges
 
 __all__ = [
     "CORE_RULE",
@@ -77,8 +77,8 @@ class ArrayMap(NamedTuple):
     core_charges: Array  #: (4, n') of all magnets: what meets the core
     core_radius: float  #: [m]; 0: there is no core
     order: int  #: degree of the core's harmonics
-    answers: Array  #: (m, k, 2) of the core to each coil [T·m/A]
-    shares: Array  #: (k,) of the core's answer to the magnets
+    responses: Array  #: (m, k, 2) of the core to each coil [T·m/A]
+    shares: Array  #: (k,) of the core's response to the magnets
 
 
 @kernel
@@ -168,7 +168,7 @@ def array_wrench(a: ArrayMap, pose: Array, out: Array, passive: Array) -> int:
 
 @kernel
 def add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int) -> int:
-    """What the core answers to the coils, added to out (6, m), and to the magnets themselves, to passive (6,)."""
+    """The response of the core to the coils, added to out (6, m), and to the magnets themselves, to passive (6,)."""
     p = pose[3]
     placed = np.empty((7, a.core_charges.shape[1]))
     place_charges(a.core_charges, p, pose[:3], placed)
@@ -177,9 +177,9 @@ def add_core(a: ArrayMap, pose: Array, out: Array, passive: Array, status: int) 
             return IN_CORE
     sums = np.empty(((a.order + 2) * (a.order + 3) // 2, 2))
     harmonic_sums(placed, a.core_radius, a.order, sums)
-    add_answers(sums, a.answers, a.core_radius, a.order, p, out)
+    add_response_wrench(sums, a.responses, a.core_radius, a.order, p, out)
     own, pull = np.empty((1, a.shares.shape[0], 2)), np.zeros((6, 1))
-    answer_to_charges(sums, a.shares, own)
-    add_answers(sums, own, a.core_radius, a.order, p, pull)
+    response_to_charges(sums, a.shares, own)
+    add_response_wrench(sums, own, a.core_radius, a.order, p, pull)
     passive[:] = pull[:, 0]
     return status

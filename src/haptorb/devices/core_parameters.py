@@ -1,7 +1,7 @@
 """Parameters of the soft core's response to changing currents: eddy currents that delay its moment, and remanence.
 
-The core answers the coils with a share of the whole moment. Eddy currents in it delay a part of that answer; for a
-sphere of conductivity σ and relative permeability µ in a uniform field the exact answer is
+The core responds to the coils with a share of the whole moment. Eddy currents in it delay a part of that response; for
+a sphere of conductivity σ and relative permeability µ in a uniform field the exact response is
 
     m(ω) = 2π a³ H [2µ(tanh k − k) + c]/[µ(tanh k − k) − c],   c = k² tanh k − k + tanh k,   k = a √(jω σ µ μ0)
 
@@ -80,8 +80,8 @@ def sphere_response(frequency: Array, radius: float, permeability: float, conduc
     k = radius * np.sqrt(2j * np.pi * np.asarray(frequency) * conductivity * permeability * MU0)
     bend = np.tanh(k) - k
     c = k * k * np.tanh(k) + bend
-    answer: Array = (2 * permeability * bend + c) / (permeability * bend - c)
-    return answer / (2 * (permeability - 1) / (permeability + 2))
+    response: Array = (2 * permeability * bend + c) / (permeability * bend - c)
+    return response / (2 * (permeability - 1) / (permeability + 2))
 
 
 def fit_eddy_lag(

@@ -43,13 +43,13 @@ from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 
 __all__ = [
-    "CHIP",
+    "CHIP_EDGE_M",
     "COILS_AS_POINTS",
     "CORE_SATURATION",
     "ELECTROMAGNET",
     "FORCE_JND",
     "GREATEST_LEAN",
-    "PEN",
+    "PEN_RADIUS_M",
     "DomeContact",
     "Hand",
     "SphericalElectromagnet",
@@ -81,8 +81,8 @@ ELECTROMAGNET = DeviceKind(
 FORCE_JND = 0.07  #: just-noticeable difference of a force, lower end of the published 7 to 10 %
 CORE_SATURATION = 1.5  #: knee of the magnetisation curve of low-carbon steel [T]
 COILS_AS_POINTS = "coils are taken for points (no [windings] inside the dome): a third of the force may be wrong"
-PEN = 7e-3  #: radius of the pen around the tool's magnet [m]
-CHIP = 3e-3  #: from a field sensor's centre to the farthest edge of its chip, with air [m]
+PEN_RADIUS_M = 7e-3  #: radius of the pen around the tool's magnet [m]
+CHIP_EDGE_M = 3e-3  #: from a field sensor's centre to the farthest edge of its chip, with air [m]
 GREATEST_LEAN = np.radians(15.0)  #: of a tool against the radius, at most, in tests of what stands in its way
 
 
@@ -174,7 +174,7 @@ def check_windings(
 def find_opposing_field(device: SphericalElectromagnet) -> float:
     """Greatest field [T] of all coils at their peak, each in its worse sense, against the tool's magnet.
 
-    At its lower face, in contact anywhere in the workspace, the tool radial or leaning to any side. The core's answer
+    At its lower face, in contact anywhere in the workspace, the tool radial or leaning to any side. The core's response
     to the magnet itself helps it, and is left out.
     """
     places, axes = [], []
@@ -196,7 +196,7 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
     """(k,) upper bound of the reading of an axis of each field sensor [T].
 
     Of a tool in contact anywhere in the workspace, radial or leaning by GREATEST_LEAN to any side, and all coils at the
-    current that the supply drives: the magnet by charges on its faces, the core's answer to it as a dipole.
+    current that the supply drives: the magnet by charges on its faces, the core's response to it as a dipole.
     """
     tool, at = device.tool, device.hall.positions
     azimuth = np.arctan2(at[:, 1], at[:, 0])
@@ -219,10 +219,10 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
         for apart in (x, y, z):
             greatest = np.maximum(greatest, np.abs((strength * apart).sum(axis=2)).max(axis=1))
     per_ampere, away = device.coil_fields(at), np.linalg.norm(at, axis=1)[:, None, None]
-    # the core's answer to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
+    # the core's response to the tool: the moment 4π a³ B/µ0 of a soft sphere, on whose axis the sensor is at worst
     at_core = MU0 * tool.moment / (2 * np.pi * (device.contact_distance * np.cos(GREATEST_LEAN)) ** 3)
-    answer = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
-    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + answer
+    response = 2.0 * at_core * (device.core_radius / away[:, 0, 0]) ** 3
+    found: Array = greatest + np.abs(per_ampere).max(axis=1) @ device.driven_current + response
     return found
 
 
@@ -481,9 +481,10 @@ class SphericalElectromagnet(Device):
             found.append(
                 BuildCheck(
                     "tool clear of the sensors", f"sensor {worst + 1}, from its centre to a leaning tool's axis",
-                    float(away[worst]), max(PEN, self.tool.outer_radius) + CHIP, "m",
+                    float(away[worst]), max(PEN_RADIUS_M, self.tool.outer_radius) + CHIP_EDGE_M, "m",
                     "move the sensor down or outwards, or reduce dome.workspace_half_angle", at_least=True,
-                    note=f"{1e3 * max(PEN, self.tool.outer_radius):g} mm of tool and {1e3 * CHIP:g} mm of chip",
+                    note=f"{1e3 * max(PEN_RADIUS_M, self.tool.outer_radius):g} mm of tool and "
+                    f"{1e3 * CHIP_EDGE_M:g} mm of chip",
                 )
             )  # fmt: skip
         if self.windings is not None:

@@ -1,6 +1,6 @@
 """Wrench of coils around a soft core on the tool: coils as dipoles and the magnet as a ring, or all at true size.
 
-All answer with a map (6, m): force and torque about the magnet's centre per ampere, and what the core does by itself.
+All return a map (6, m): force and torque about the magnet's centre per ampere, and what the core does by itself.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ class Windings:
         """(3, 2) [m²] moment per ampere along its own axis: of the winding itself, and of the core that it magnetises.
 
         N π (rₒ² + rₒrᵢ + rᵢ²)/3, and 4π/μ0 a³ (µ−1)/(µ+2) B(0), where a and µ are the core's and B(0) the winding's own
-        field at the centre: the answer of a sphere to any field has the moment that its value at the centre gives
+        field at the centre: the response of a sphere to any field has the moment that its value at the centre gives
         (`SoftSphere.moment_in`; Jackson, Classical Electrodynamics, §5.11). With half the length h,
 
             B(0) = μ0 N/(2 (rₒ − rᵢ)) ln[(rₒ + √(rₒ² + h²))/(rᵢ + √(rᵢ² + h²))]
@@ -265,12 +265,12 @@ class Windings:
         own = [coil.moment[2] for coil in self.coils]
         return np.stack([own, core.moment_in(fields)[:, 2]], axis=1)
 
-    def answer_shift(self, core: SoftSphere) -> Array:
-        """(3, 3, 3) by which vector the middle of the core's answer to each winding moves, beside the core itself, per
-        vector of the core's centre from the winding's.
+    def response_shift(self, core: SoftSphere) -> Array:
+        """(3, 3, 3) by which vector the middle of the core's response to each winding moves, beside the core itself,
+        per vector of the core's centre from the winding's.
 
-        Off the winding's middle the core is in a field gradient, and answers with a second harmonic, which is that of a
-        dipole elsewhere: with the winding's own field b₁ + 3 b₃ z² on its axis, 3/2 (β₂/β₁) a² b₃/b₁ of the way along
+        Off the winding's middle the core is in a field gradient, and responds with a second harmonic, which is that of
+        a dipole elsewhere: with the winding's own field b₁ + 3 b₃ z² on its axis, 3/2 (β₂/β₁) a² b₃/b₁ of the way along
         the axis and −2/3 of that across it (`SoftSphere`).
         """
         first, second = core.response(2)
@@ -289,7 +289,7 @@ class Windings:
         """(3, 3) [m²] m_e per ampere; diagonal, as the coils are taken to stand square on each other.
 
         That of the dipole with the same field on the coil's axis at the distance `measured_at` [m]. Left out:
-        saturation, leads, and the core's answer to the tool (`PassivePull`).
+        saturation, leads, and the core's response to the tool (`PassivePull`).
         """
         return np.diag(self._measure(core, measured_at))
 

@@ -62,7 +62,7 @@ __all__ = [
 
 
 # --------------------------------------------------------------------------------------------------
-# The record of spherical motors: a rotor with a handle, whose torque moves a target through two modes.
+# The record of spherical motors: a rotor with a handle, whose torque moves an object through two modes.
 
 
 MOTOR = DeviceKind(

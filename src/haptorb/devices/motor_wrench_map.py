@@ -84,11 +84,10 @@ def coils_field(motor: MotorParts, points: Array, currents: Array) -> Array:
 
 
 def exact_torque(motor: MotorParts, R: Array, precision: float = PRECISION) -> Array:
-    """The magnets' field integrated over every coil's filaments; refined until two levels agree to `precision`.
+    """(n, 3, coils) [N·m/A]: the magnets' field integrated over every coil's filaments, refined until two levels agree
+    to `precision`.
 
-    Raises PrecisionError, telling the best reached.
-
-    (n, 3, coils) [N·m/A].
+    Raises PrecisionError, which states the best precision reached.
     """
     last = _integrate(motor, R, _REFINEMENTS[0])
     best = np.inf

@@ -17,7 +17,17 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 from haptorb.devices import quantity as q
-from haptorb.devices.base import CONTACT_RATE, HANDOVER, ROOM, Coils, Device, Heat, HeatCoupling, Limits, Supply
+from haptorb.devices.base import (
+    CONTACT_RATE,
+    HANDOVER_TIME_S,
+    ROOM_TEMPERATURE_K,
+    Coils,
+    Device,
+    Heat,
+    HeatCoupling,
+    Limits,
+    Supply,
+)
 from haptorb.devices.field_sensors import SensorErrors
 from haptorb.devices.quantity import QuantityKind
 from haptorb.devices.unit_conversion import convert, usual_units
@@ -311,7 +321,7 @@ class CoilsSection(Section):
 
 def limit_currents(coils: Coils, supply: Supply) -> Coils:
     """`coils` with a current limit where none is given (NaN): what the supply drives through the coil at 20 °C."""
-    cold = coils.resistance_at(np.full(len(coils.names), ROOM))
+    cold = coils.resistance_at(np.full(len(coils.names), ROOM_TEMPERATURE_K))
     given = coils.current_limit
     return replace(coils, current_limit=np.where(np.isnan(given), supply.voltage / cold, given))
 
@@ -371,8 +381,10 @@ class LimitsSection(Section):
     def build(self) -> Limits:
         """As the device has it."""
         values = self.model_dump()
-        force_rate = self.force_rate or max(CONTACT_RATE, self.force / HANDOVER)
-        return Limits(**{**values, "force_rate": force_rate, "torque_rate": self.torque_rate or self.torque / HANDOVER})
+        force_rate = self.force_rate or max(CONTACT_RATE, self.force / HANDOVER_TIME_S)
+        return Limits(
+            **{**values, "force_rate": force_rate, "torque_rate": self.torque_rate or self.torque / HANDOVER_TIME_S}
+        )
 
 
 class ThermometerSection(Section):

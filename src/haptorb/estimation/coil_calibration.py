@@ -269,7 +269,7 @@ class _CentreFit:
         self._sensor = [s for s in range(len(at)) for k in range(3) if values[s, k] > 0.5]
         parts = windings.parts(device.core)
         own, answer = (parts / parts.sum(axis=1, keepdims=True)).T
-        shift = windings.answer_shift(device.core)
+        shift = windings.response_shift(device.core)
         by_core = (answer[:, None, None] * (np.eye(3) + shift)).reshape(-1, 3)
         prior = known.core_position**2 * by_core @ by_core.T + 1e-18 * np.eye(len(by_core))
         for number in range(channels):

@@ -584,7 +584,7 @@ class CurrentHistory(Stateful):
         self.currents, self.doubt = kept["currents"].copy(), kept["doubt"].copy()
         self._waiting_since, self.taken = self._cells
 
-    def take(self, sample: Sample) -> None:
+    def append(self, sample: Sample) -> None:
         """Add a sample. Its field is emitted with the next sample that has newer currents, or discarded."""
         at = sample.t - sample.currents_age
         newer = at - self._times[-1]
@@ -802,7 +802,7 @@ class HallTracker(Estimator):
         """Emitted field (k, 3) [T], the currents (m,) [A] at its time, and that time [s];
         the tracker receives the uncertainty of the currents."""
         history = self._history
-        history.take(sample)
+        history.append(sample)
         moments = self._moments * history.doubt
         self._moment_noise[:] = self._read + moments @ moments.T
         self._tracker["swing"] = self._per_ampere_rms @ history.doubt

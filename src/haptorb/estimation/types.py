@@ -21,6 +21,7 @@ __all__ = [
     "Estimator",
     "EstimatorChoice",
     "EstimatorSettings",
+    "HandGoal",
     "KeptEstimate",
     "Pose",
     "Sample",
@@ -58,6 +59,26 @@ class Pose:
     w: Array
     v: Array
     valid: bool
+
+
+@record
+class HandGoal:
+    """Goal of the simulated hand for the tool, with its timestamp.
+
+    p      (3,) tool's magnet centre [m], frame S
+    q      (4,) quaternion (x, y, z, w) of R_SR
+    stamp  time of the goal on the loop's clock [s]: a pointer that is no longer refreshed ages
+    held   the user holds the pointer; False: the guided motion
+    still  the guided motion is over, and the hand rests: it yields to forces
+    grip   opening to which thumb and finger of a gripper move [m]; NaN: they are relaxed
+    """
+
+    p: Array
+    q: Array
+    stamp: float
+    held: bool
+    still: bool = False
+    grip: float = math.nan
 
 
 @record

@@ -13,7 +13,7 @@ from haptorb.arrays import Array, check_finite, gauss_legendre, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics import source
-from haptorb.magnetics.current_sheets import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
+from haptorb.magnetics.current_sheets import SERIES_RADII, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
 from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.magnetics.source import RoundBody, Source, tensor
@@ -219,7 +219,7 @@ class Coil(RoundBody):
         self.precision = _relative(precision)
         self._density = MU0 * self.turns / (self.length * (self.outer_radius - self.inner_radius))
         self._shape = np.array([self.inner_radius, self.outer_radius, 0.5 * self.length])
-        self._far2 = (FAR * self.bounding_radius) ** 2
+        self._far2 = (SERIES_RADII * self.bounding_radius) ** 2
 
     def __repr__(self) -> str:
         return (
@@ -447,9 +447,9 @@ class CentredCoil:
         c = heights / far
         slopes = _list_slopes(c, order)[degrees]
         loops = 0.5 * MU0 * turns * (1 - c * c) * slopes  # b_l s^l of each
-        answers = core.response(order)[degrees - 1] * (degrees + 1) / degrees
+        responses = core.response(order)[degrees - 1] * (degrees + 1) / degrees
         own = (loops * (far / reach) ** (degrees[:, None] + 1)).sum(axis=1)
-        core_part = answers * (loops * (core.radius / far) ** degrees[:, None]).sum(axis=1)
+        core_part = responses * (loops * (core.radius / far) ** degrees[:, None]).sum(axis=1)
         core_part *= (core.radius / reach) ** (degrees + 1)
         self._reach, self._order = reach, order
         self._strengths: Array = (own + core_part) / (degrees + 1)  # k_l/reach^(l+1) [T·m]
@@ -494,8 +494,8 @@ def coil_and_core(coil: Coil, core: SoftSphere, points: Array) -> Array:
     degrees = np.arange(1, order + 1, 2)
     c = heights / far
     loops = 0.5 * MU0 * turns * (1 - c * c) * _list_slopes(c, order)[degrees]
-    answers = core.response(order)[degrees - 1] / degrees
-    strengths = answers * (loops * (core.radius / far) ** degrees[:, None]).sum(axis=1)
+    responses = core.response(order)[degrees - 1] / degrees
+    strengths = responses * (loops * (core.radius / far) ** degrees[:, None]).sum(axis=1)
     unit = points / x[:, None]
     slopes, share = _list_slopes(unit[:, 2], order + 1), core.radius / x
     out: Array = coil.field(points)

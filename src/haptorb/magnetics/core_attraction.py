@@ -1,6 +1,6 @@
 """Attraction of a ring magnet to a soft core without current: one scalar energy of distance and tilt.
 
-The core answers the tool's magnet (`soft_sphere`) with currents on or off. By symmetry the energy W of that
+The core responds to the tool's magnet (`soft_sphere`) with currents on or off. By symmetry the energy W of that
 depends on the distance d and the tilt τ between the magnet's axis and the radius only, and not on the magnet's
 polarity: W = u⁶ g(u, s), u = 1/d, s = cos²τ, where g is smooth from contact to infinity. g is tabulated once as a
 Chebyshev series; force and torque are its analytic derivatives. So the pull is conservative whatever the table's
@@ -163,7 +163,7 @@ class PassivePull:
         object.__setattr__(self, "table", np.ascontiguousarray(table))
 
     def energy(self, p: Array, axis: Array) -> float:
-        """W [J] of the magnet at p (3,) [m] with unit axis (3,) in the core's answer to it."""
+        """W [J] of the magnet at p (3,) [m] with unit axis (3,) in the core's response to it."""
         out = np.empty(3)
         _energy(self.table, self.nearest, np.ascontiguousarray(p), np.ascontiguousarray(axis), out)
         return float(out[0])

@@ -16,7 +16,7 @@ from haptorb.compiled import kernel
 from haptorb.magnetics.elliptic_integrals import integrals, third_kind
 
 __all__ = [
-    "FAR",
+    "SERIES_RADII",
     "coefficients",
     "loop_field",
     "sheet",
@@ -95,7 +95,7 @@ def sheet_gradient(a: float, h: float, rho: float, z: float) -> tuple[float, flo
 # Classical Electrodynamics, sections 3.3 and 4.1. Left out: everything nearer than that; use the closed form there.
 
 
-FAR = 4.0  #: bounding radii from which the series is used
+SERIES_RADII = 4.0  #: bounding radii from which the series is used
 _ZONAL_TERMS = 16
 _ZONAL_NODES, _WEIGHTS = gauss_legendre(_ZONAL_TERMS + 1)
 

@@ -7,7 +7,7 @@ A charge q at s outside a sphere of radius a and relative permeability µ sees, 
 (Smythe, Static and Dynamic Electricity, §5; Jackson, Classical Electrodynamics, §4.4, with the potential's continuity
 and that of µ ∂φ/∂r at r = a). For µ → ∞ all β_l are 1 and the sum closes: the image −q a/|s| at a²/s and +q a/|s| at
 the centre. Any magnet is a sum of charges, so energy, force and field follow by summing pairs; the addition theorem
-has done the sum over orders. Zárate 2020 neglects this answer; it pulls the tool with 52.9 mN at 50 mm (erratum E18).
+has done the sum over orders. Zárate 2020 neglects this response; it pulls the tool with 52.9 mN at 50 mm (erratum E18).
 Left out: saturation, hysteresis, and eddy currents.
 """
 
@@ -27,11 +27,11 @@ from haptorb.magnetics.source import Source
 
 __all__ = [
     "SoftSphere",
-    "add_answers",
     "add_induced_field",
-    "answer_to_charges",
-    "answer_to_source",
+    "add_response_wrench",
     "harmonic_sums",
+    "response_to_charges",
+    "response_to_source",
     "weigh_charges",
 ]
 
@@ -245,7 +245,7 @@ class SoftSphere:
 # of White and Head-Gordon (J. Chem. Phys. 101, 6593, 1994). Terms fall as (a²/(r_source r_charge))^l.
 
 
-_SPHERE_ANSWER_K = MU0 / (4 * np.pi)
+_SPHERE_RESPONSE_K = MU0 / (4 * np.pi)
 _SAMPLING_RADIUS = 0.6  #: radius at which a source is sampled, relative to the sphere's: the field is smoother there
 
 
@@ -293,10 +293,10 @@ def _read(sums: Array, l: int, m: int) -> tuple[float, float]:
 
 
 @kernel
-def add_answers(sums: Array, answers: Array, radius: float, order: int, p: Array, out: Array) -> None:
+def add_response_wrench(sums: Array, responses: Array, radius: float, order: int, p: Array, out: Array) -> None:
     """Add to out (6, m) the force and the torque about p (3,) [m] on the charges of `sums` in the sphere's responses.
 
-    answers (m, k, 2): coefficients C [T·m] per ampere of every coil, or [T·m] of anything else.
+    responses (m, k, 2): coefficients C [T·m] per ampere of every coil, or [T·m] of anything else.
     """
     part = np.empty((6, 2))
     for l in range(1, order + 1):
@@ -324,12 +324,12 @@ def add_answers(sums: Array, answers: Array, radius: float, order: int, p: Array
                     a, b = (i - 2) % 3, (i - 1) % 3
                     real += (p[a] * part[b, 0] - p[b] * part[a, 0]) / radius
                     imaginary += (p[a] * part[b, 1] - p[b] * part[a, 1]) / radius
-                for j in range(answers.shape[0]):
-                    out[i, j] += real * answers[j, k, 0] + imaginary * answers[j, k, 1]
+                for j in range(responses.shape[0]):
+                    out[i, j] += real * responses[j, k, 0] + imaginary * responses[j, k, 1]
 
 
 @kernel
-def answer_to_charges(sums: Array, shares: Array, out: Array) -> None:
+def response_to_charges(sums: Array, shares: Array, out: Array) -> None:
     """out (1, k, 2): the sphere's response [T·m] to the charges of `sums` themselves; shares (k,) of
     `weigh_charges`."""
     for k in range(shares.shape[0]):
@@ -338,7 +338,7 @@ def answer_to_charges(sums: Array, shares: Array, out: Array) -> None:
 
 
 def weigh_charges(sphere: SoftSphere, order: int) -> Array:
-    """(k,) [T·m/(A·m)] factors by which `answer_to_charges` multiplies the sums, to degree `order`.
+    """(k,) [T·m/(A·m)] factors by which `response_to_charges` multiplies the sums, to degree `order`.
 
     >>> weigh_charges(SoftSphere(0.1), 1).shape
     (3,)
@@ -349,12 +349,12 @@ def weigh_charges(sphere: SoftSphere, order: int) -> Array:
         for m in range(l + 1):
             both = 1.0 if m == 0 else 2.0
             weights.append(
-                -_SPHERE_ANSWER_K * both * response[l - 1] / (sphere.radius * factorial(l - m) * factorial(l + m))
+                -_SPHERE_RESPONSE_K * both * response[l - 1] / (sphere.radius * factorial(l - m) * factorial(l + m))
             )
     return np.array(weights)
 
 
-def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
+def response_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     """(k, 2) coefficients C [T·m] of the sphere's response to `source` anywhere about it (coils: per ampere).
 
     From the source's radial field on a sphere of radius b < a, so that sources close to the sphere do no harm:
@@ -364,9 +364,9 @@ def answer_to_source(sphere: SoftSphere, source: Source, order: int) -> Array:
     >>> from haptorb.magnetics.dipole import Dipole
     >>> from haptorb.magnetics.source import PlacedSource
     >>> far = PlacedSource(Dipole((0, 0, 1.0)), (0, 0, 0.5), np.eye(3))
-    >>> answer = answer_to_source(SoftSphere(0.02), far, 3)
-    >>> moment = SoftSphere(0.02).moment_in(far.field((0, 0, 0)))[2]     # the answer's first term is that dipole's
-    >>> bool(abs(answer[1, 0] - 1e-7 * moment / 0.02**2) < 1e-9 * answer[1, 0])
+    >>> response = response_to_source(SoftSphere(0.02), far, 3)
+    >>> moment = SoftSphere(0.02).moment_in(far.field((0, 0, 0)))[2]     # the response's first term is that dipole's
+    >>> bool(abs(response[1, 0] - 1e-7 * moment / 0.02**2) < 1e-9 * response[1, 0])
     True
     """
     cosine, weight = gauss_legendre(2 * order + 8)

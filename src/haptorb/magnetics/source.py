@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptorb.arrays import Array, check_finite, rotation, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError
-from haptorb.magnetics.current_sheets import FAR, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
+from haptorb.magnetics.current_sheets import SERIES_RADII, coefficients, sheet, sheet_gradient, zonal, zonal_gradient
 
 __all__ = ["PlacedSource", "RoundBody", "SheetStack", "Source", "length", "tensor"]
 
@@ -23,8 +23,8 @@ __all__ = ["PlacedSource", "RoundBody", "SheetStack", "Source", "length", "tenso
 class Source(ABC):
     """Magnet, coil or dipole with a magnetic field; base class of every shape.
 
-    In its own frame: centre at the origin, axis along +z. Coils answer per ampere. A subclass implements `field`,
-    `field_gradient` and `moment`.
+    In its own frame: centre at the origin, axis along +z. Values of coils are per ampere. A subclass implements
+    `field`, `field_gradient` and `moment`.
     """
 
     @abstractmethod
@@ -231,7 +231,7 @@ class SheetStack:
         self.half = half
         self.densities = np.ascontiguousarray(densities, dtype=np.float64)
         self.series = coefficients(self.radii, half, self.densities)
-        self.far2 = FAR**2 * (float(self.radii.max()) ** 2 + half**2)
+        self.far2 = SERIES_RADII**2 * (float(self.radii.max()) ** 2 + half**2)
 
     def field(self, points: ArrayLike) -> Array:
         """Flux density (..., 3) [T] at `points` (..., 3) [m]; GeometryError on an edge, where it is infinite."""

@@ -154,7 +154,7 @@ def _check_fields(fields: Sequence[Mapping[str, Any]]) -> None:
 
 
 _TRIPPED = 4  #: guard state `tripped`
-_PARTS = 5  #: damaged parts that are described individually
+_MAX_DAMAGED_PARTS = 5  #: damaged parts that are described individually
 _CUT = "missing: the file is truncated (the recorder was killed, or still writes)"
 
 
@@ -275,8 +275,11 @@ def describe_damage(
     >>> describe_damage([MissingRows(20, 14, 3.02, 3.035)], [], ["run"], 3.0)
     ('14 rows are missing between 0.02 s and 0.035 s: the file is damaged there', "the note 'run' cannot be read")
     """
-    found = [f"{_count_missing([one])} {_place(one, first)}: the file is damaged there" for one in missing[:_PARTS]]
-    if others := missing[_PARTS:]:
+    found = [
+        f"{_count_missing([one])} {_place(one, first)}: the file is damaged there"
+        for one in missing[:_MAX_DAMAGED_PARTS]
+    ]
+    if others := missing[_MAX_DAMAGED_PARTS:]:
         found.append(f"{_count_missing(others)} in {_count(len(others), 'more part')} of the file, which are damaged")
     found += [f"the note {quote(name)} cannot be read" for name in notes]
     if harmless:
@@ -423,7 +426,7 @@ def _name_world(note: dict[str, str]) -> str:
 
 
 _HEAD_BYTES = 256 * 1024  #: bytes read to recognise a file of another kind
-_WHOLE = 32 * 1024 * 1024  #: largest file that is read and verified at once [bytes]
+_MAX_WHOLE_BYTES = 32 * 1024 * 1024  #: largest file that is read and verified at once [bytes]
 
 
 @final
@@ -465,7 +468,7 @@ class Recording:
             if not self.fields:
                 cut = "it was cut short before its first rows" if self.truncated else f"topic {TOPIC} is missing"
                 raise RecordingError(f"not a haptorb recording: {cut}")
-            self.long = size > _WHOLE  #: rows are read from the file on demand
+            self.long = size > _MAX_WHOLE_BYTES  #: rows are read from the file on demand
             self._whole: Array | None = None
             if not self.long:
                 parts: list[Array] = []

@@ -132,7 +132,7 @@ class RowLayout:
             Field("mode", 1, "1", "mode of the mover: 0 direct, 1 translate, 2 rotate"),
             Field("engaged", 1, "1", "clutch: 1 the handle moves the object, 0 released to reach further"),
             Field("share", 2, "1", "clutch shares of translation and rotation, 0 to 1"),
-            Field("object", 3, "m", "position of the object: the mover, or a motor's target (X', Y', Z')"),
+            Field("object", 3, "m", "position of the object: the mover, or what a motor moves (X', Y', Z')"),
             Field("object_q", 4, "1", "orientation of the object as a quaternion (x, y, z, w)"),
             Field("object_wrench", 6, "N, N·m", "wrench of the world on the object, before modes and guard"),
             Field(

@@ -506,8 +506,8 @@ class PlayedDriver(Driver):
         self._sensors = sensors
         self._samples: list[Sample] = []
         self._duties: list[Array] = []
-        self._truths: list[Array] = []
-        self._targets: list[Array] = []
+        self._wrenches_actual: list[Array] = []
+        self._hand_goals: list[Array] = []
         self._coils: list[CoilState] = []
         self._failures: list[int] = []
         self._at = 0
@@ -534,8 +534,8 @@ class PlayedDriver(Driver):
         others = (*(age.tolist() for age in ages), *grips)
         self._samples = list(map(Sample, t.tolist(), rows("current_measured"), rows("boundary"), field, poses, *others))
         self._duties = list(rows("duty_applied"))
-        self._truths = list(rows("wrench_actual"))
-        self._targets = list(np.concatenate((rows("hand_goal"), rows("hand_goal_q")), axis=1))
+        self._wrenches_actual = list(rows("wrench_actual"))
+        self._hand_goals = list(np.concatenate((rows("hand_goal"), rows("hand_goal_q")), axis=1))
         codes = block["coil_state"][:, 0].tolist()
         states = {code: _coil_state(code) for code in set(codes)}
         self._coils = [states[code] for code in codes]
@@ -565,7 +565,7 @@ class PlayedDriver(Driver):
             raise DriverError(_PLAYED_DRIVER_FAILED)
         return self._duties[self._at]
 
-    def squeeze(self, force: float) -> float:
+    def write_grip_force(self, force: float) -> float:
         """Return `force` [N]: the recorded driver applied the force commanded by the chain."""
         return force
 
@@ -579,13 +579,13 @@ class PlayedDriver(Driver):
         """Recorded state of the coils."""
         return self._coils[self._at]
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Actual wrench (6,) recorded by the driver [N, N·m]; NaN if unknown."""
-        return self._truths[self._at]
+        return self._wrenches_actual[self._at]
 
-    def target(self) -> Array:
+    def hand_goal(self) -> Array:
         """Recorded goal (7,) of the hand: position [m] and quaternion."""
-        return self._targets[self._at]
+        return self._hand_goals[self._at]
 
 
 def _coil_state(code: float) -> CoilState:

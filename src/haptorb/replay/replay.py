@@ -372,7 +372,7 @@ def play_commands(tick: Tick, commands: int, scale: float) -> None:
     """Pass the sum `commands` of a row to `tick`, except those of its world; scale: of a motor's torques, if known
     [1]."""
     if commands & _EXCUSE:
-        tick.excuse_lateness()
+        tick.exclude_next_lateness()
     if commands & _STOP:
         tick.stop()
     if commands & _ENGAGE:

@@ -84,7 +84,7 @@ class UnpackedRows:
             last = min(first + _UNPACKED_ROWS_PIECE, len(self._rows))
             self._rows[first:last] = self._recording.read(first, last, self._names)
 
-    def take(self) -> Array:
+    def wait_for_rows(self) -> Array:
         """Wait for all rows and return them, (n, width), each value in the unit [SI] of its field.
 
         Raises RecordingError where the file is damaged.
@@ -104,7 +104,8 @@ _NEEDED = ("tick", "t", "guard", "trip", "world", "valid", "age", "p", "q", "v",
            "boundary", "duty_applied")  # fmt: skip
 _PLAYED_ROWS_PIECE = 1024  #: rows that are read at once: whole rows are unpacked
 _COMMANDS = 2.0**31  #: exclusive upper bound of a sum of command flags
-_ROOM = 512 * 1024 * 1024  #: most bytes of unpacked rows kept in memory; above it, each block is unpacked again
+#: limit of unpacked rows kept in memory; above it, each block is unpacked again
+_MAX_UNPACKED_BYTES = 512 * 1024 * 1024
 _MODES = {MODES.index("translate") + 1: TickCommand.TRANSLATE, MODES.index("rotate") + 1: TickCommand.ROTATE}
 
 
@@ -135,7 +136,7 @@ class PlayedRows:
             self._at[field.name] = slice(start, start + field.width)
             start += field.width
         self.missing = tuple(name for name in SAMPLE_FIELDS if name not in names)
-        self._keeps = not recording.long or count_bytes(recording) <= _ROOM
+        self._keeps = not recording.long or count_bytes(recording) <= _MAX_UNPACKED_BYTES
         self._unpacked: UnpackedRows | None = None
 
     def unpack_beside(self) -> None:
@@ -148,7 +149,7 @@ class PlayedRows:
         if not self._keeps:
             return None
         if self._unpacked is not None:
-            return self._unpacked.take()
+            return self._unpacked.wait_for_rows()
         return self._recording.read(0, len(self), self._names)
 
     @cached_property

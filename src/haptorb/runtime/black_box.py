@@ -22,11 +22,11 @@ from haptorb.runtime.report import find_program
 from haptorb.runtime.shared_memory import SLOTS, TRIPS, SharedMemory, StateSlots, Word, split_snapshot
 from haptorb.runtime.tick_state import TickState
 
-__all__ = ["EVERY", "TICKS", "BlackBox", "StateKeeper", "TripRecord"]
+__all__ = ["SNAPSHOT_INTERVAL_TICKS", "STORED_TICKS", "BlackBox", "StateKeeper", "TripRecord"]
 
 
-TICKS = 100  #: ticks stored up to and including each trip
-_START = 400  #: a trip within this many ticks of the start: the file contains all ticks since the start
+STORED_TICKS = 100  #: ticks stored up to and including each trip
+_START_TICKS = 400  #: a trip within this many ticks of the start: the file contains all ticks since the start
 _MAX_FILES = 50  #: files of earlier trips that are retained in the folder
 
 
@@ -86,7 +86,7 @@ class BlackBox:
         ring, at = self._shared.ring, self._shared.layout["t"].start
         _, rows = ring.read_since(0)
         until = rows[rows[:, at] <= t + 1e-9] if len(rows) else rows
-        tripped = TripRecord(t, Trip(int(code)), until[-TICKS:].copy())
+        tripped = TripRecord(t, Trip(int(code)), until[-STORED_TICKS:].copy())
         self.trips.append(tripped)
         self.files.append(None)
         if self._folder is not None:
@@ -106,8 +106,8 @@ class BlackBox:
             return int(found[0]), {
                 "tick": str(kept[0]), "layout": describe_arrays(arrays), "arrays": pack_arrays(arrays)
             }  # fmt: skip
-        whole = len(rows) <= _START and len(rows) > 0 and ticks[0] == 0
-        return (0 if whole else max(len(rows) - TICKS, 0)), {}
+        whole = len(rows) <= _START_TICKS and len(rows) > 0 and ticks[0] == 0
+        return (0 if whole else max(len(rows) - STORED_TICKS, 0)), {}
 
     def _write(
         self, number: int, folder: Path, rows: Array, known: dict[str, str], worlds: list[tuple[int, str]]
@@ -145,7 +145,7 @@ class BlackBox:
 # Periodic snapshots of the chain's state, from which a recording or the black box of a trip can be replayed.
 
 
-EVERY: Final = 256  #: ticks from one snapshot to the next
+SNAPSHOT_INTERVAL_TICKS: Final = 256  #: ticks from one snapshot to the next
 
 
 @final
@@ -158,7 +158,7 @@ class StateKeeper:
 
     def __init__(self, state: TickState, slots: StateSlots) -> None:
         self._state, self._slots = state, slots
-        self._due, self._count = EVERY, 0
+        self._due, self._count = SNAPSHOT_INTERVAL_TICKS, 0
         self._fits = state.size <= slots.room and len(state.layout) <= slots.layout.room
         if self._fits:
             slots.layout.write(state.layout)
@@ -169,7 +169,7 @@ class StateKeeper:
     def update(self, tick: int) -> None:
         """Copy the state if a snapshot is due; call after `tick`, while there is time before the next."""
         if tick >= self._due and self._fits:
-            self._due = tick + EVERY
+            self._due = tick + SNAPSHOT_INTERVAL_TICKS
             self._count += 1
             self._slots.begin(self._count)
             self._state.copy_to(self._places[self._count % SLOTS])
@@ -177,4 +177,4 @@ class StateKeeper:
 
     def mark_trip(self, tick: int, t: float) -> None:
         """Record a trip in `tick` at `t` [s]: the replay of its black box begins at the newest snapshot before it."""
-        self._slots.mark_trip(self._count, tick - TICKS, t)
+        self._slots.mark_trip(self._count, tick - STORED_TICKS, t)

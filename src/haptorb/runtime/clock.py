@@ -9,24 +9,22 @@ millisecond, and the spin over the rest costs processor time.
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import math
 from time import monotonic_ns, sleep
 from typing import final
 
 from haptorb.errors import InputError
-from haptorb.runtime.linux import is_linux
+from haptorb.runtime.linux import AbsoluteSleep, is_linux
 
-__all__ = ["FASTEST", "SLOWEST", "Clock", "Schedule", "check_rate"]
+__all__ = ["MAX_RATE_HZ", "MIN_RATE_HZ", "Clock", "Schedule", "check_rate"]
 
 
 # --------------------------------------------------------------------------------------------------
 # Schedule of absolute deadlines in integer nanoseconds; it reads no clock.
 
 
-SLOWEST = 50.0  #: [Hz]
-FASTEST = 4000.0  #: [Hz]
+MIN_RATE_HZ = 50.0  #: [Hz]
+MAX_RATE_HZ = 4000.0  #: [Hz]
 
 
 def check_rate(rate: float) -> float:
@@ -37,8 +35,8 @@ def check_rate(rate: float) -> float:
     """
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not math.isfinite(rate):
         raise InputError(f"rate must be a finite number of hertz; got {rate!r}")
-    if not SLOWEST <= rate <= FASTEST:
-        raise InputError(f"rate must lie between {SLOWEST:g} and {FASTEST:g} Hz; got {rate:g}")
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise InputError(f"rate must lie between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz; got {rate:g}")
     return float(rate)
 
 
@@ -89,14 +87,8 @@ class Schedule:
         return now - self.deadline(number), skipped
 
 
-_CLOCK_MONOTONIC = 1
-_TIMER_ABSTIME = 1
 _MAX_SPIN_NS = 60_000  #: longest spin [ns]
 _MAX_OVERSLEEP_NS = 1_000_000  #: on other systems than Linux a sleep may end this late [ns]
-
-
-class _Timespec(ctypes.Structure):
-    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
 
 
 @final
@@ -111,25 +103,16 @@ class Clock:
         self.schedule.origin = monotonic_ns() + self.schedule.period
         self._early = max(min(_MAX_SPIN_NS, self.schedule.period // 8), min(int(lead * 1e9), self.schedule.period // 4))
         self._deadline = self.schedule.origin
-        self._until = _Timespec()  # reused: no allocation per tick
-        self._at = ctypes.addressof(self._until)
-        self._exact = is_linux()
-        if not self._exact:
-            return
-        self._nanosleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep  # here: only Linux has it
-        self._nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-        self._nanosleep.restype = ctypes.c_int
+        self._exact = AbsoluteSleep() if is_linux() else None
 
     def sleep(self) -> float:
         """Sleep until shortly before the next deadline, despite signals; return it on the loop's clock [s]."""
-        schedule, until = self.schedule, self._until
+        schedule = self.schedule
         self._deadline = deadline = schedule.next(monotonic_ns())
-        if not self._exact:
+        if self._exact is None:
             sleep(max(deadline - min(_MAX_OVERSLEEP_NS, schedule.period // 2) - monotonic_ns(), 0) * 1e-9)
             return schedule.time(deadline)
-        until.seconds, until.nanoseconds = divmod(deadline - self._early, 1_000_000_000)
-        while self._nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._at, None) == errno.EINTR:
-            pass
+        self._exact.sleep(deadline - self._early)
         return schedule.time(deadline)
 
     def wait(self) -> tuple[int, int, int]:

@@ -12,7 +12,7 @@ from typing import final
 
 from numpy.typing import ArrayLike
 
-from haptorb.devices.base import FARTHEST
+from haptorb.devices.base import MAX_DISTANCE_M
 from haptorb.errors import InputError
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import raise_priority
@@ -109,7 +109,7 @@ def _locate(cause: BaseException) -> str:
 # Commands of the host to the hand.
 
 
-_MAX_PATIENCE_S = 1.0  #: maximum keep-alive of a simulated hand without a new pose
+_MAX_KEEP_ALIVE_S = 1.0  #: maximum keep-alive of a simulated hand without a new pose
 
 
 @final
@@ -157,8 +157,8 @@ class HandCommands:
             Before the start.
         """
         place, turn = self._check_pose(p, q)
-        if not 0.0 <= patience <= _MAX_PATIENCE_S:
-            raise InputError(f"patience must be between 0 and {_MAX_PATIENCE_S:g} s; got {patience:g}")
+        if not 0.0 <= patience <= _MAX_KEEP_ALIVE_S:
+            raise InputError(f"patience must be between 0 and {_MAX_KEEP_ALIVE_S:g} s; got {patience:g}")
         memory = self._memory()
         with self._writing:
             self._end_repeater()
@@ -185,7 +185,7 @@ class HandCommands:
             Before the start.
         """
         pose = self._check_pose(p, q)
-        self._repeat(lambda t: pose, users_code=False, patience=_MAX_PATIENCE_S)
+        self._repeat(lambda t: pose, users_code=False, keep_alive=_MAX_KEEP_ALIVE_S)
 
     def follow(self, path: PathFunction | ArrayLike, times: ArrayLike | None = None) -> None:
         """Move the simulated hand along a path, until `release` or another command.
@@ -224,7 +224,7 @@ class HandCommands:
         memory = self._memory()
         with self._writing:
             self._end_repeater()
-            pointed = memory.pointer.read_pointer()
+            pointed = memory.pointer.read_hand_goal()
             memory.pointer.write(False, pointed.p, pointed.q, pointed.stamp)
 
     @property
@@ -241,12 +241,12 @@ class HandCommands:
     @property
     def _farthest(self) -> float:
         """Largest valid distance from the centre [m]; unlimited for a motor, whose handle only points towards `p`."""
-        return float("inf") if self._config.device.kind.modes else FARTHEST
+        return float("inf") if self._config.device.kind.modes else MAX_DISTANCE_M
 
     def _check_pose(self, p: ArrayLike, q: ArrayLike | None) -> HandPose:
         return check_pose(p, q, self._farthest, upright=self._config.device.is_upright)
 
-    def _repeat(self, motion: PathFunction, *, users_code: bool, patience: float = 0.0) -> None:
+    def _repeat(self, motion: PathFunction, *, users_code: bool, keep_alive: float = 0.0) -> None:
         if self._config.is_real:  # safety: hold-real
             raise InputError(
                 f"hold and follow move a simulated hand, but driver '{self._config.driver}' acts on a real tool, whose "
@@ -257,18 +257,18 @@ class HandCommands:
                 f"tracker '{self._config.tracker}' determines where the hand is: hold and follow need tracker 'pointer'"
             )
         self._memory()  # raises before the start
-        write = partial(self._write, patience=patience)
+        write = partial(self._write, keep_alive=keep_alive)
         repeater = PoseRepeater(motion, write, self._config.device.limits.expiry, users_code=users_code)
         with self._writing:
             self._end_repeater()
             self._repeater = repeater
         repeater.start()
 
-    def _write(self, repeater: PoseRepeater, pose: HandPose, patience: float) -> None:
+    def _write(self, repeater: PoseRepeater, pose: HandPose, keep_alive: float) -> None:
         """Write the pose of the active repeater; drop that of any other."""
         with self._writing:
             if repeater is self._repeater:
-                self._memory().pointer.write(True, *pose, monotonic(), patience)
+                self._memory().pointer.write(True, *pose, monotonic(), keep_alive)
 
     def _end_repeater(self) -> None:
         if self._repeater is not None:

@@ -42,12 +42,12 @@ from haptorb.runtime.shared_memory import BUTTONS
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.simulation.hand_motion import SampledPath, ScriptedMotion, handle_quaternions, upright_quaternions
 
-__all__ = ["LONGEST", "choose_hand", "parse_script", "parse_table", "read_hand"]
+__all__ = ["MAX_DURATION_S", "choose_hand", "parse_script", "parse_table", "read_hand"]
 
-LONGEST = 3600.0  #: duration of a motion [s]
-_SAMPLES = 1_000_000  #: poses of a motion
-_BYTES = 32 * 1024 * 1024  #: of a table
-_LARGEST = 1e6  #: number of a table, in SI units
+MAX_DURATION_S = 3600.0  #: duration of a motion [s]
+_MAX_POSES = 1_000_000  #: poses of a motion
+_MAX_TABLE_BYTES = 32 * 1024 * 1024  #: of a table
+_MAX_NUMBER = 1e6  #: number of a table, in SI units
 _MOVE_STEP_S = 1e-3  #: interval between the poses of a minimum-jerk move [s]
 
 
@@ -63,7 +63,7 @@ def read_hand(path: str | Path, device: Device) -> ScriptedMotion:
         return _read_recording(place, device)
     if found not in (None, FileKind.HAND, FileKind.TABLE):
         raise InputError(f"{FileKind.HAND.explain_found(place, found)}; a hand file is a script, CSV or a recording")
-    text = read_text(place, "hand file", InputError, _BYTES)
+    text = read_text(place, "hand file", InputError, _MAX_TABLE_BYTES)
     digest = hashlib.sha256(text.encode()).hexdigest()
     is_table = found is FileKind.TABLE or (found is None and _looks_like_table(text))
     return (parse_table if is_table else parse_script)(text, device, str(path), digest)
@@ -106,8 +106,8 @@ def _make(
 
     Positions are ignored for a motor, whose mover only rotates.
     """
-    if times[-1] > LONGEST:
-        raise InputError(f"{path} lasts {times[-1]:g} s; a hand file lasts at most {LONGEST:g} s")
+    if times[-1] > MAX_DURATION_S:
+        raise InputError(f"{path} lasts {times[-1]:g} s; a hand file lasts at most {MAX_DURATION_S:g} s")
     turns_only = bool(device.kind.modes)
     if turns_only:
         poses[:, :3] = 0.0
@@ -155,8 +155,8 @@ def parse_table(text: str, device: Device, path: str, digest: str = "") -> Scrip
     """Parse the motion in a CSV `text`; `path` is its name in messages. Raises InputError."""
     head = text.lstrip("\n").partition("\n")[0]
     separator = max(_SEPARATORS, key=head.count)
-    if text.count("\n") > _SAMPLES + 1:
-        raise InputError(f"{path} has more than {_SAMPLES} rows; at most 1000 per second are useful")
+    if text.count("\n") > _MAX_POSES + 1:
+        raise InputError(f"{path} has more than {_MAX_POSES} rows; at most 1000 per second are useful")
     reader = csv.reader(io.StringIO(text), delimiter=separator)
     try:
         heads = next((line for line in reader if any(cell.strip() for cell in line)), [])
@@ -178,11 +178,11 @@ def parse_table(text: str, device: Device, path: str, digest: str = "") -> Scrip
     times = table["t"]
     _check_times(times, numbers, path)
     for name, values in table.items():
-        usable = np.abs(values) < _LARGEST
+        usable = np.abs(values) < _MAX_NUMBER
         if name != "grip" and not usable.all():
             at = int(np.argmin(usable))
             raise InputError(
-                f"{path}, line {numbers[at]}: {name} must be a finite number below {_LARGEST:g}; got "
+                f"{path}, line {numbers[at]}: {name} must be a finite number below {_MAX_NUMBER:g}; got "
                 f"{quote(', '.join(rows[at]))}"
             )
     poses = np.zeros((len(rows), 7))
@@ -316,15 +316,15 @@ def _read_recording(path: Path, device: Device) -> ScriptedMotion:
 
     recording = Recording(path)
     recording.require("t", "valid", "hand_goal", "hand_goal_q", "p", "q")
-    if len(recording) > _SAMPLES:
-        raise InputError(f"{path} has {len(recording)} rows; a hand file has at most {_SAMPLES}: use a part of it")
+    if len(recording) > _MAX_POSES:
+        raise InputError(f"{path} has {len(recording)} rows; a hand file has at most {_MAX_POSES}: use a part of it")
     known = {field.name for field in recording.fields}
     t = np.asarray(recording["t"])
     poses = np.column_stack([recording["hand_goal"], recording["hand_goal_q"]])
     if not np.isfinite(poses).any():
         poses = np.column_stack([recording["p"], recording["q"]])
         poses[np.asarray(recording["valid"]) != 1.0] = np.nan
-    usable = (np.abs(np.column_stack([t, poses])) < _LARGEST).all(axis=1)
+    usable = (np.abs(np.column_stack([t, poses])) < _MAX_NUMBER).all(axis=1)
     poses[~usable] = 0.0
     whole = usable & (np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0) < 0.01)
     if "commands" in known:
@@ -334,7 +334,7 @@ def _read_recording(path: Path, device: Device) -> ScriptedMotion:
         raise RecordingError(f"{path} holds no pose of a hand; record a run with --record")
     _check_times(t[rows], (rows + 1).tolist(), f"{path} (rows)")
     pressed = np.asarray(recording["buttons"])[rows] if "buttons" in known else np.zeros(len(rows))
-    pressed = np.where(np.abs(pressed) < _LARGEST, pressed, 0.0).astype(np.int64) & 7
+    pressed = np.where(np.abs(pressed) < _MAX_NUMBER, pressed, 0.0).astype(np.int64) & 7
     changes = np.flatnonzero(np.diff(pressed, prepend=0))
     presses = [(float(t[rows[at]]), int(pressed[at])) for at in changes]
     table = {"grip": np.asarray(recording["grip"])[rows]} if "grip" in known else {}
@@ -350,7 +350,7 @@ def _read_recording(path: Path, device: Device) -> ScriptedMotion:
 # Script: one command per line.
 
 
-_LINES = 10_000
+_MAX_LINES = 10_000
 _COMMAND_CHARACTERS = 200
 _N = r"([-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:e[-+]?\d{1,4})?)"
 _UNIT = r"([^\s\d]\S*)"
@@ -407,8 +407,8 @@ class _Script:
         self.angles, self.turned = (self.angles, self.turned) if angles is None else (angles, True)
         after = np.concatenate((self.place, self.angles))
         count = max(math.ceil(duration / _MOVE_STEP_S - 1e-9), 1)
-        if self.samples + count > _SAMPLES:
-            raise ValueError(f"the moves last longer than {_SAMPLES * _MOVE_STEP_S:g} s together")
+        if self.samples + count > _MAX_POSES:
+            raise ValueError(f"the moves last longer than {_MAX_POSES * _MOVE_STEP_S:g} s together")
         s = np.arange(1, count + 1) / count
         share = s**3 * (10.0 + s * (6.0 * s - 15.0)) if smooth else s
         self._add(self.now + s * duration, before + share[:, None] * (after - before))
@@ -445,8 +445,8 @@ class _Script:
         return self.place
 
     def _add(self, times: Array, knots: Array) -> None:
-        if times[-1] > LONGEST:
-            raise ValueError(f"the script lasts longer than {LONGEST:g} s")
+        if times[-1] > MAX_DURATION_S:
+            raise ValueError(f"the script lasts longer than {MAX_DURATION_S:g} s")
         times = times.round(9)  # a sum of decimals is that decimal again
         self.now = float(times[-1])
         self.times.append(times)
@@ -457,8 +457,8 @@ class _Script:
 def parse_script(text: str, device: Device, path: str, digest: str = "") -> ScriptedMotion:
     """Parse the motion in a script `text`; `path` is its name in messages. Raises InputError."""
     script, lines = _Script(), text.split("\n")
-    if len(lines) > _LINES:
-        raise InputError(f"{path} has more than {_LINES} lines; a longer motion is a CSV file")
+    if len(lines) > _MAX_LINES:
+        raise InputError(f"{path} has more than {_MAX_LINES} lines; a longer motion is a CSV file")
     for number, line in enumerate(lines, start=1):
         words = line.partition("#")[0].strip()
         if not words:
@@ -518,6 +518,6 @@ def _read_three(cells: Sequence[str | None], unit: str) -> Array | None:
 def _read_duration(number: str, unit: str) -> float:
     """Parse a positive duration [s]."""
     duration = si(f"{number} {unit}", "s", "a duration")
-    if not 0.0 < duration <= LONGEST:
-        raise ValueError(f"a duration must be above 0 and at most {LONGEST:g} s")
+    if not 0.0 < duration <= MAX_DURATION_S:
+        raise ValueError(f"a duration must be above 0 and at most {MAX_DURATION_S:g} s")
     return duration

@@ -23,7 +23,7 @@ __all__ = ["CoreWaker", "busy_share", "spin"]
 _CHECK_INTERVAL_S = 0.1  #: between two checks of the load of the other cores
 _YIELD_TIME_S = 0.5  #: sleep while the other cores are loaded
 _MAX_LOAD = 0.5  #: load of the other cores above which this process yields
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  #: as in `linux.py`, which this program does not import: it must start within milliseconds
 
 Times = tuple[int, int]  #: busy time and total time of the other cores [kernel ticks]
 

@@ -7,6 +7,7 @@ runs anywhere; only timing differs there.
 from __future__ import annotations
 
 import ctypes
+import errno
 import faulthandler
 import gc
 import os
@@ -32,6 +33,7 @@ from haptorb.errors import PlatformError, ServoError
 __all__ = [
     "END_SIGNALS",
     "WORKS_ANYWHERE",
+    "AbsoluteSleep",
     "Facts",
     "KillTimer",
     "Termination",
@@ -134,6 +136,8 @@ def claim(cores: Iterable[int]) -> int:
 Facts = dict[str, str | bool | int]
 
 _PR_SET_TIMERSLACK = 29
+_CLOCK_MONOTONIC = 1
+_TIMER_ABSTIME = 1
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PRIORITY = 40  #: below the kernel's own interrupt threads (50)
 _MAX_RT_TIME_US = 3_000_000  #: longest processor time under the real-time scheduler without a blocking call
@@ -240,6 +244,32 @@ def _bind() -> int:
 
 
 # --------------------------------------------------------------------------------------------------
+# Sleep until a time of the monotonic clock: it does not drift as sleeps of a duration do.
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+@final
+class AbsoluteSleep:
+    """Sleeps until a time of the monotonic clock, despite signals; on Linux only."""
+
+    def __init__(self) -> None:
+        self._nanosleep = ctypes.CDLL(None, use_errno=False).clock_nanosleep
+        self._nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._nanosleep.restype = ctypes.c_int
+        self._until = _Timespec()  # reused: no allocation per tick
+        self._at = ctypes.addressof(self._until)
+
+    def sleep(self, until: int) -> None:
+        """Sleep until the monotonic time `until` [ns]."""
+        self._until.seconds, self._until.nanoseconds = divmod(until, 1_000_000_000)
+        while self._nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._at, None) == errno.EINTR:
+            pass
+
+
+# --------------------------------------------------------------------------------------------------
 # Kernel watchdog timer: kills this process unless it is set again in time, whatever runs inside it.
 #
 # No code of the process is involved: not its signal handlers, which Python runs only between two of its own
@@ -247,7 +277,6 @@ def _bind() -> int:
 # blocked, nor ignored, and the timer also runs while the process is stopped. A forked child does not inherit it.
 
 
-_CLOCK_MONOTONIC = 1
 _SIGEV_SIGNAL = 0
 
 
@@ -442,9 +471,9 @@ def send_beside(process: subprocess.Popen[bytes], content: bytes, *, close: bool
     return sender
 
 
-def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted: threading.Event | None = None) -> bool:
-    """Wait for the end of `process`; False if it has not ended within `patience` [s], or when `interrupted`."""
-    end = monotonic() + patience
+def wait_for_end(process: subprocess.Popen[bytes], timeout: float, interrupted: threading.Event | None = None) -> bool:
+    """Wait for the end of `process`; False if it has not ended within `timeout` [s], or when `interrupted`."""
+    end = monotonic() + timeout
     while True:
         left = end - monotonic()
         try:
@@ -456,13 +485,13 @@ def wait_for_end(process: subprocess.Popen[bytes], patience: float, interrupted:
 
 
 def end_process(
-    process: subprocess.Popen[bytes] | None, patience: float, interrupted: threading.Event | None = None
+    process: subprocess.Popen[bytes] | None, timeout: float, interrupted: threading.Event | None = None
 ) -> bool:
-    """Wait for `process`, if there is one, for `patience` [s], then kill it; return whether it has ended.
+    """Wait for `process`, if there is one, for `timeout` [s], then kill it; return whether it has ended.
 
     One that the kernel blocks, as on a disk that does not respond, cannot be killed and is not waited for.
     """
-    if process is None or wait_for_end(process, patience, interrupted):
+    if process is None or wait_for_end(process, timeout, interrupted):
         return True
     process.kill()
     return wait_for_end(process, _KILL_TIMEOUT_S)

@@ -19,10 +19,10 @@ from typing import final
 from haptorb.runtime.linux import is_linux
 
 __all__ = [
-    "LATE",
-    "SILENCE",
-    "STARVATION",
-    "STOPPED",
+    "HEARTBEAT_TIMEOUT_S",
+    "LATE_HEARTBEAT_S",
+    "STARVED_TIMEOUT_S",
+    "STOPPED_TIMEOUT_S",
     "HangWatch",
     "HostHeartbeat",
     "MemoryGrowth",
@@ -34,10 +34,10 @@ __all__ = [
 ]
 
 
-SILENCE = 0.5  #: heartbeat timeout after which the host counts as ended [s]
-STARVATION = 2.0  #: the same, including the time in which it was starved, for a simulated device only [s]
-STOPPED = 0.1  #: heartbeat timeout of a stopped host [s]
-LATE = 0.08  #: four heartbeats are missing: from here on the host's state is checked [s]
+HEARTBEAT_TIMEOUT_S = 0.5  #: heartbeat timeout after which the host counts as ended [s]
+STARVED_TIMEOUT_S = 2.0  #: the same, including the time in which it was starved, for a simulated device only [s]
+STOPPED_TIMEOUT_S = 0.1  #: heartbeat timeout of a stopped host [s]
+LATE_HEARTBEAT_S = 0.08  #: four heartbeats are missing: from here on the host's state is checked [s]
 
 _CHECK_INTERVAL_NS = 5_000_000  #: between two checks; one takes about 20 µs
 _THREAD_CHECK_INTERVAL_NS = 20_000_000  #: the same for the threads; about 20 µs for each
@@ -79,7 +79,7 @@ class HostHeartbeat:
     def explain_silence(self, now: int, silence: int) -> str:
         """Return why the host counts as ended at `now` [ns], `silence` [ns] after its heartbeat; empty if it does not.
 
-        Call it in every tick in which the heartbeat is `LATE`.
+        Call it in every tick in which the heartbeat is `LATE_HEARTBEAT_S`.
         """
         if silence < self._silence:  # a heartbeat came meanwhile
             self._waited = self._last_threads = 0
@@ -87,14 +87,15 @@ class HostHeartbeat:
         if self._starved is not None and now - self._last_threads >= _THREAD_CHECK_INTERVAL_NS:
             since, self._last_threads = self._last_threads or now, now
             self._waited += (now - since) * self._starved(now)
-        if silence > STARVATION * 1e9:  # safety: host-starved
-            return f"the program that started the servo did not respond for {STARVATION:g} s: the computer is too busy"
-        if silence - self._waited > SILENCE * 1e9:
-            return f"the program that started the servo did not respond for {SILENCE:g} s"
-        if silence > (STOPPED * 1e9 - _CHECK_INTERVAL_NS) and now - self._last_check >= _CHECK_INTERVAL_NS:
+        if silence > STARVED_TIMEOUT_S * 1e9:  # safety: host-starved
+            silent = f"did not respond for {STARVED_TIMEOUT_S:g} s"
+            return f"the program that started the servo {silent}: the computer is too busy"
+        if silence - self._waited > HEARTBEAT_TIMEOUT_S * 1e9:
+            return f"the program that started the servo did not respond for {HEARTBEAT_TIMEOUT_S:g} s"
+        if silence > (STOPPED_TIMEOUT_S * 1e9 - _CHECK_INTERVAL_NS) and now - self._last_check >= _CHECK_INTERVAL_NS:
             self._last_check = now
             if self._state() in ("T", "t"):  # safety: host-stopped, host-computing
-                return f"the program that started the servo was stopped and did not respond for {STOPPED:g} s"
+                return f"the program that started the servo was stopped and did not respond for {STOPPED_TIMEOUT_S:g} s"
         return ""
 
 
@@ -122,7 +123,7 @@ class ProcessorWait:
     def update(self, now: int) -> bool:
         """Whether it was starved since the last update; `now` on the monotonic clock [ns]. False at the first.
 
-        True on systems that do not report it: there, a simulated device tolerates silence up to `STARVATION`.
+        True on systems that do not report it: there, a simulated device tolerates silence up to `STARVED_TIMEOUT_S`.
         """
         if not is_linux():
             return True

@@ -20,7 +20,7 @@ from haptorb.errors import HaptorbError, InputError
 from haptorb.runtime.black_box import StateKeeper
 from haptorb.runtime.clock import Clock
 from haptorb.runtime.linux import TickTimeout, is_parent_gone
-from haptorb.runtime.liveness import LATE, HostHeartbeat, ProcessorWait, state_of
+from haptorb.runtime.liveness import LATE_HEARTBEAT_S, HostHeartbeat, ProcessorWait, state_of
 from haptorb.runtime.shared_memory import BINS, COUNTS, Phase, SharedMemory, Word, engage_stops, find_end_signal
 from haptorb.runtime.tick import Chain, render_world
 from haptorb.runtime.tick_log import NO_TICK
@@ -84,7 +84,7 @@ def count_tick(counts: Records, ticks: int, missed: int, lateness: int, took: in
         c.on_time += 1
 
 
-_LATE = int(LATE * 1e9)
+_LATE_HEARTBEAT_NS = int(LATE_HEARTBEAT_S * 1e9)
 _STANDSTILL_NS = 100_000_000  #: gap without a tick after which the heartbeat timeout of the host restarts
 _TRIPPED = float(GuardState.TRIPPED)
 _PARENT_CHECK_INTERVAL_S = 0.05  #: between two checks whether the parent runs
@@ -186,13 +186,13 @@ class Loop:
             chain.prepare(deadline)
             now, lateness, skipped = clock.wait()
             if skipped and (deadline == following or self._work < period):  # not caused by a tick's own work
-                chain.excuse_lateness()
+                chain.exclude_next_lateness()
             if self.end_signal or words[Word.QUIT]:
                 return None
             if skipped * period > _STANDSTILL_NS:  # the same cause delayed the host's heartbeat
                 timeout_start = now
             silence = now - max(words[Word.HEARTBEAT], timeout_start)
-            if silence > _LATE:  # safety: host-silent
+            if silence > _LATE_HEARTBEAT_NS:  # safety: host-silent
                 self.reason = self._host.explain_silence(now, silence)
                 if self.reason:
                     return Trip.HOST_SILENT

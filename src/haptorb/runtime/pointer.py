@@ -8,10 +8,10 @@ from typing import final
 import numpy as np
 
 from haptorb.arrays import Array
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.rotations import rotation_of
-from haptorb.runtime.shared_memory import HandSignals, PointerSource
-from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.runtime.shared_memory import HandGoalSource, HandSignals
+from haptorb.runtime.trackers.base import Tracker
 from haptorb.simulation.hand_motion import DomeMotion, GuidedMotion, ScriptedMotion
 
 __all__ = ["PointerPose", "PointerTracker"]
@@ -37,7 +37,7 @@ class PointerPose:
         self._v = np.zeros(3)
         self._stamp = -np.inf
 
-    def __call__(self, goal: Goal, now: float) -> Pose:
+    def __call__(self, goal: HandGoal, now: float) -> Pose:
         """Return the pose at `now` [s] for the pointer's last message `goal`."""
         if not goal.held:
             self._stamp = -np.inf
@@ -73,7 +73,7 @@ class PointerTracker(Tracker):
 
     def __init__(
         self,
-        source: PointerSource | None = None,
+        source: HandGoalSource | None = None,
         origin: float = 0.0,
         *,
         guide: GuidedMotion | None = None,
@@ -98,12 +98,12 @@ class PointerTracker(Tracker):
         self._guide = guide
         self._rest = guide.at(guide.duration)
 
-    def goal(self, now: float) -> Goal:
+    def goal(self, now: float) -> HandGoal:
         """Goal of a simulated hand at `now` [s] on the loop's clock; it does not age within its keep-alive."""
         if self.waits and self._last is None:
             self.waits = self._signals is not None and not self._signals.begun
             self._released = now
-        goal, patience = self._find(now)
+        goal, keep_alive = self._find(now)
         if isinstance(self._guide, ScriptedMotion):
             bits, grip, t = 0, np.nan, np.nan
             if self._last is None:
@@ -114,21 +114,21 @@ class PointerTracker(Tracker):
             if self._signals is not None:
                 self._signals.write(bits, grip, t)
             goal = replace(goal, grip=grip)
-        if not patience:
+        if not keep_alive:
             return goal
-        return replace(goal, stamp=max(goal.stamp, min(now, goal.stamp + patience)))
+        return replace(goal, stamp=max(goal.stamp, min(now, goal.stamp + keep_alive)))
 
     def pose(self, now: float) -> Pose:
         """Return the pointer as the pose of a real tool: valid only while held, as old as its last message."""
         return self._pose(self._find(now)[0], now)
 
-    def _find(self, now: float) -> tuple[Goal, float]:
+    def _find(self, now: float) -> tuple[HandGoal, float]:
         """Return the goal, as old as its message, and the message's keep-alive [s]."""
         if self._source is not None:
-            pointed = self._source.read_pointer()
+            pointed = self._source.read_hand_goal()
             if pointed.held:
                 self._last, self._released = (pointed.p, pointed.q), now
-                return Goal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.patience
+                return HandGoal(pointed.p, pointed.q, pointed.stamp - self.origin, True), pointed.keep_alive
         guide, since, still = self._guide, _since(now, self._released), False
         if since >= (guide.duration if self._last is None else _RELEASE_TIME_S):
             (p, q), still = self._rest, guide.relaxes
@@ -137,4 +137,4 @@ class PointerTracker(Tracker):
         else:
             s = min(since / _RELEASE_TIME_S, 1.0)
             p, q = guide.pose_on_return(*self._last, s * s * s * (10.0 + s * (6.0 * s - 15.0)))
-        return Goal(p, q, now, False, still), 0.0
+        return HandGoal(p, q, now, False, still), 0.0

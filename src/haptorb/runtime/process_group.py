@@ -435,10 +435,10 @@ class ProcessGroup:
         if self._end_sent:
             return
         self._end_sent = True
-        for patience, force in (
+        for timeout, force in (
             (_END_TIMEOUT_S, self._servo.terminate), (_END_TIMEOUT_S / 2, self._servo.kill),
         ):  # fmt: skip
-            if wait_for_end(self._servo, patience):
+            if wait_for_end(self._servo, timeout):
                 break
             force()
         else:

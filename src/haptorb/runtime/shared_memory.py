@@ -29,7 +29,7 @@ from haptorb.files import SHARED, FileLock, describe_size_limit, folders
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.linux import END_SIGNALS
 from haptorb.runtime.ring_buffer import RingBuffer
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 from haptorb.worlds.dynamic import CLIENT_FORCE
 
 __all__ = [
@@ -39,7 +39,7 @@ __all__ = [
     "CAPACITY",
     "COUNTS",
     "FORCE_BLOCK_WORDS",
-    "POINTER_BLOCK_WORDS",
+    "HAND_GOAL_BLOCK_WORDS",
     "REGULAR",
     "SIZE",
     "SLOTS",
@@ -49,12 +49,12 @@ __all__ = [
     "ClientForces",
     "Counts",
     "ForceBlock",
+    "HandGoalBlock",
+    "HandGoalSource",
     "HandSignals",
     "Histogram",
+    "HostHandGoal",
     "Phase",
-    "PointerBlock",
-    "PointerSource",
-    "PointerState",
     "PoseBlock",
     "PoseRecord",
     "SeqlockWords",
@@ -264,7 +264,7 @@ _PLACES = [
     CLIENT_FORCE.fields[name][1] // 8  # type: ignore[index]
     for name in ("force", "session", "age", "lost", "mapping", "torque", "gripper")
 ]
-_OVER = HOLD + FADE
+_OVER = HOLD_TIME_S + FADE_TIME_S
 
 
 class _Command(NamedTuple):
@@ -353,7 +353,7 @@ class ClientForces:
 
     def _is_over(self, block: int, now: float) -> bool:
         command = self._commands[block]
-        return now - command.stamp >= _OVER or (command.loss > 0.0 and now - command.loss >= FADE)
+        return now - command.stamp >= _OVER or (command.loss > 0.0 and now - command.loss >= FADE_TIME_S)
 
     def _read(self, block: int, start: int) -> None:
         """Read the block's command unless a write is in progress, or was never completed."""
@@ -371,52 +371,52 @@ def _read_command(floats: memoryview[float], at: int) -> _Command:
 
 
 # --------------------------------------------------------------------------------------------------
-# The host's pointer in shared memory, protected by a sequence lock.
+# The host's hand goal in shared memory, protected by a sequence lock.
 
 
-POINTER_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, patience
+HAND_GOAL_BLOCK_WORDS = 11  #: sequence, held, p (3), q (4), stamp, keep_alive
 
 
-class PointerState(NamedTuple):
-    """Last state of the host's pointer."""
+class HostHandGoal(NamedTuple):
+    """Last hand goal of the host."""
 
     held: bool
     p: Array  #: (3,) [m], frame S
     q: Array  #: (4,) quaternion (x, y, z, w) of R_SR
     stamp: float  #: time of the message on the computer's monotonic clock [s]
-    patience: float = 0.0  #: keep-alive: a simulated hand stays there for so long without a new message [s]
+    keep_alive: float = 0.0  #: keep-alive: a simulated hand stays there for so long without a new message [s]
 
 
-class PointerSource(ABC):
-    """Source of the host's pointer: shared memory in a running servo."""
+class HandGoalSource(ABC):
+    """Source of the host's hand goal: shared memory in a running servo."""
 
     @abstractmethod
-    def read_pointer(self) -> PointerState:
-        """Return the last pointer state; non-blocking."""
+    def read_hand_goal(self) -> HostHandGoal:
+        """Return the last hand goal; non-blocking."""
 
 
 @final
-class PointerBlock(PointerSource):
-    """Eleven words at `at`, seen both as integers and as floats."""
+class HandGoalBlock(HandGoalSource):
+    """Hand goal in shared memory: `HAND_GOAL_BLOCK_WORDS` words from the word `at` on."""
 
     def __init__(self, words: memoryview, floats: memoryview[float], at: int) -> None:
-        self._words = SeqlockWords(words, floats, at, POINTER_BLOCK_WORDS)
-        self._pointed = PointerState(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
+        self._words = SeqlockWords(words, floats, at, HAND_GOAL_BLOCK_WORDS)
+        self._latest = HostHandGoal(False, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0)
 
-    def write(self, held: bool, p: Array, q: Array, stamp: float, patience: float = 0.0) -> None:
-        """Write the pointer's pose, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the single writer.
+    def write(self, held: bool, p: Array, q: Array, stamp: float, keep_alive: float = 0.0) -> None:
+        """Write the hand goal, `p` (3,) [m] and `q` (4,) (x, y, z, w), at `stamp` [s]; for the single writer.
 
-        A simulated hand stays there for `patience` [s] without a new message.
+        A simulated hand stays there for `keep_alive` [s] without a new message.
         """
-        self._words.write(held, (*p.tolist(), *q.tolist(), stamp, patience))
+        self._words.write(held, (*p.tolist(), *q.tolist(), stamp, keep_alive))
 
-    def read_pointer(self) -> PointerState:
-        """Return the last pointer state; if a write is in progress, the one before."""
+    def read_hand_goal(self) -> HostHandGoal:
+        """Return the last hand goal; if a write is in progress, the one before."""
         latest = self._words.read_new()
         if latest is not None:
             held, n = latest
-            self._pointed = PointerState(held, np.array(n[:3]), np.array(n[3:7]), n[7], n[8])
-        return self._pointed
+            self._latest = HostHandGoal(held, np.array(n[:3]), np.array(n[3:7]), n[7], n[8])
+        return self._latest
 
 
 # --------------------------------------------------------------------------------------------------
@@ -743,7 +743,7 @@ class SharedMemory:
         if self.layout.width != self.words[Word.WIDTH] or size < end + _PAGE:  # many signals make it longer
             raise ServoError(f"{path} holds rows of another layout; end the program that created it")
 
-        self.pointer = PointerBlock(self.words, self.floats, Word.POINTER)
+        self.pointer = HandGoalBlock(self.words, self.floats, Word.POINTER)
         self.hand = HandSignals(self.words, self.floats, Word.HAND_BUTTONS, Word.HAND_BEGIN)
         self.tracked = PoseBlock(self.words, self.floats, Word.TRACKED)
         self.client_forces = ClientForces(self.words, self.floats, Word.FORCES)
@@ -874,7 +874,7 @@ def _size(layout: RowLayout) -> int:
     return _ROWS + 8 * CAPACITY * layout.width + slots_size(layout.channels, layout.sensors)
 
 
-assert Word.POINTER + POINTER_BLOCK_WORDS <= Word.SCALE
+assert Word.POINTER + HAND_GOAL_BLOCK_WORDS <= Word.SCALE
 assert (Word.HAND_BUTTONS + 1, Word.HAND_BUTTONS + 2) == (Word.HAND_GRIP, Word.HAND_TIME)
 assert Word.TRACKED + WORDS <= Word.FORCES
 assert Word.FORCES + FORCE_BLOCK_WORDS * BLOCKS <= Word.SERVERS

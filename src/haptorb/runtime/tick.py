@@ -190,13 +190,13 @@ def fill_quaternion(R: Array, q: Array) -> None:
 
 @tick_kernel
 def fill_row(
-    row: Array, places: Records, state: Records, coils: Records, target: Array, given: Array, applied: Array,
-    field: Array, stages: Array,
+    row: Array, places: Records, state: Records, coils: Records, hand_goal: Array, wrench_actual: Array,
+    applied: Array, field: Array, stages: Array,
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) on device and protection, at the `places` of the `RowLayout`.
 
-    state (1,) PROTECTION and coils (m,) COIL; target (7,) position [m] and quaternion of the pointer's goal; given (6,)
-    [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
+    state (1,) PROTECTION and coils (m,) COIL; hand_goal (7,) position [m] and quaternion; wrench_actual
+    (6,) [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
     """
     at, s = places[0], state[0]
     e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
@@ -205,15 +205,15 @@ def fill_row(
     fill_quaternion(e.rotation[:], row[at.q : at.q + 4])
     _copy(row, at.v, e.velocity[:])
     _copy(row, at.w, e.angular_velocity[:])
-    _copy(row, at.hand_goal, target)  # and target_q, which follows
-    _copy(row, at.wrench_commanded, g.asked[:])
-    _copy(row, at.wrench_actual, given)
+    _copy(row, at.hand_goal, hand_goal)  # and hand_goal_q, which follows
+    _copy(row, at.wrench_commanded, g.wrench_commanded[:])
+    _copy(row, at.wrench_actual, wrench_actual)
     _copy(row, at.duty_applied, applied)
     for i in range(6):
         row[at.wrench_model + i] = 0.0
     for j in range(coils.size):
         c = coils[j]
-        row[at.current_commanded + j], row[at.current_measured + j] = c.held, c.current
+        row[at.current_commanded + j], row[at.current_measured + j] = c.current_commanded, c.current
         row[at.resistance + j], row[at.duty_commanded + j] = c.resistance, c.duty
         row[at.boundary + j], row[at.winding + j] = c.boundary, c.winding
         for i in range(6):
@@ -603,11 +603,11 @@ class Tick(Stateful):
             self.driver.cool()
             self.protection.restart_heat()
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         """Exclude a late wake-up by the computer from the guard's limits on a simulated device; a real one may trip."""
         if self.driver.simulated:  # safety: excuse-simulated
             self._log.record(TickCommand.EXCUSE)
-            self.protection.excuse_lateness()
+            self.protection.exclude_next_lateness()
 
     def prepare(self, now: float) -> None:
         """Let the driver do its work before the tick at `now` [s]."""
@@ -628,7 +628,7 @@ class Tick(Stateful):
         rendered, field = self._render_nothing(0.0), np.zeros((self._device.sensors, 3))
         body = rendered.object
         fill_row(
-            row, self._places, protection.state, protection.coils, self.driver.target(), self.driver.truth(),
+            row, self._places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.wrench_actual(),
             self._applied, field, self._stages,
         )  # fmt: skip
         fill_pose(row, self._cells[0], turn, still, still, still, 0.0, False, 0.0, 0.0)
@@ -669,7 +669,7 @@ class Tick(Stateful):
             self._applied = self.driver.write(duties)
             if self.gripper is not None:
                 wanted = 0.0 if self._bound is None else self._bound.gripper_force
-                squeezed = self.driver.squeeze(self.gripper.limit(wanted, protection.gain, self._session[0]))
+                squeezed = self.driver.write_grip_force(self.gripper.limit(wanted, protection.gain, self._session[0]))
         except HaptorbError as cause:
             self._log.fail(TickFailure.WRITE)
             self._fail(Trip.DRIVER_FAILED, cause)
@@ -681,8 +681,8 @@ class Tick(Stateful):
         ) = self._cells  # fmt: skip
         places, body, pose = self._places, rendered.object, sample.pose
         fill_row(
-            row, places, protection.state, protection.coils, self.driver.target(), self.driver.truth(), self._applied,
-            sample.field, self._stages,
+            row, places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.wrench_actual(),
+            self._applied, sample.field, self._stages,
         )  # fmt: skip
         fill_pose(
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
@@ -715,7 +715,7 @@ class Tick(Stateful):
             # Copied: a user's array in another memory layout would cause a compilation in the middle of a tick.
             self._rendered[...], self._object_wrench[...] = rendered.wrench, rendered.object_wrench
             if bound is not None and bound.takes_commands:
-                self.linkage.bring_back(bound.commanded, commanded)
+                self.linkage.fill_mover_wrench(bound.commanded, commanded)
             if self.part.is_open:
                 self.part.follow()
             return rendered
@@ -791,7 +791,7 @@ class Tick(Stateful):
         try:
             self._applied = self.driver.write(self._zeros)
             if self.gripper is not None:  # safety: gripper-off-in-silence
-                self.driver.squeeze(self.gripper.limit(0.0, 0.0, 0.0))
+                self.driver.write_grip_force(self.gripper.limit(0.0, 0.0, 0.0))
         except HaptorbError:
             self._log.fail(TickFailure.WRITE)
             self._applied = self._zeros
@@ -841,7 +841,7 @@ class Chain(Protocol):
     def joining(self) -> Joining:
         """The linkage between the mover and the world's object."""
 
-    def excuse_lateness(self) -> None:
+    def exclude_next_lateness(self) -> None:
         """Report that the next step is late because of a late wake-up, not because a step took too long."""
 
     def prepare(self, now: float) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptorb.arrays import Array, StateArray, Stateful
-from haptorb.control.guard import TICKS
+from haptorb.control.guard import HISTORY_TICKS
 from haptorb.errors import RecordingError
 from haptorb.runtime.shared_memory import split_snapshot
 
@@ -158,10 +158,10 @@ def _complete_passivity(arrays: Mapping[str, StateArray]) -> Mapping[str, StateA
     if times.shape[1:] != (_OLD_RING_LENGTH,) or wrenches.shape[1:] != (_OLD_RING_LENGTH, 6) or count.shape != (1,):
         return arrays
     known = dict(arrays)
-    numbers = int(count[0]) - 1 - np.arange(TICKS)  # indices of the newest wrenches
+    numbers = int(count[0]) - 1 - np.arange(HISTORY_TICKS)  # indices of the newest wrenches
     for name, ring in (("times", times), ("wrenches", wrenches)):
-        newest = np.zeros((1, TICKS, *ring.shape[2:]))
-        newest[:, numbers % TICKS] = ring[:, numbers % _OLD_RING_LENGTH]
+        newest = np.zeros((1, HISTORY_TICKS, *ring.shape[2:]))
+        newest[:, numbers % HISTORY_TICKS] = ring[:, numbers % _OLD_RING_LENGTH]
         known[f"{prefix}/{name}"] = newest
     for name, size in _SOFTENING.items():
         known[f"{prefix}/{name}"] = np.zeros((1, size) if size else 1)
@@ -198,6 +198,12 @@ def _overrides(owner: Stateful) -> bool:
     return type(owner).gather_state is not Stateful.gather_state
 
 
+#: fields of the protection's records under the names that snapshots have had since the first version
+_RECORDED_NAMES: Final[Mapping[str, str]] = {
+    "wrench_commanded": "asked", "wrench_rendered": "wanted", "current_commanded": "held", "current_expected": "driven",
+}  # fmt: skip
+
+
 def _leaves(name: str, array: StateArray) -> Iterator[tuple[str, StateArray]]:
     """Split `array` of records into arrays of plain numbers."""
     if array.dtype.names is None:
@@ -206,4 +212,4 @@ def _leaves(name: str, array: StateArray) -> Iterator[tuple[str, StateArray]]:
         yield name, array
         return
     for field in array.dtype.names:
-        yield from _leaves(f"{name}/{field}", array[field])
+        yield from _leaves(f"{name}/{_RECORDED_NAMES.get(field, field)}", array[field])

@@ -82,7 +82,7 @@ class _IdleDriver(Driver):
         """Return the duties unchanged."""
         return duties.copy()
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Return zeros."""
         return np.zeros(6)
 

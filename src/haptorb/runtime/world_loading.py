@@ -113,8 +113,8 @@ class WorldLoader:
         """Wait for the code of `world` and load it. Raises InputError if it is not compiled in time."""
         if not self._find_uncompiled(world):
             return
-        note, patience = code_note(self._folder, name), monotonic() + _COMPILE_TIMEOUT_S
-        while not note.exists() and monotonic() < patience:
+        note, deadline = code_note(self._folder, name), monotonic() + _COMPILE_TIMEOUT_S
+        while not note.exists() and monotonic() < deadline:
             sleep(_CODE_CHECK_INTERVAL_S)
         if missing := self._find_uncompiled(world):
             raise InputError(

@@ -37,15 +37,15 @@ from haptorb.version import __version__
 from haptorb.web.access import LOOPBACK
 from haptorb.worlds import Remote
 from haptorb.worlds.base import World
-from haptorb.worlds.client_force import HOLD
+from haptorb.worlds.client_force import HOLD_TIME_S
 from haptorb.worlds.scene import SceneFile
 from haptorb.worlds.user_world import FileWithRemote, WorldFile
 
 __all__ = [
+    "CLIENT_TIMEOUT_S",
     "KINDS",
-    "LATE",
+    "MAX_WAIT_S",
     "OTHER_LOOPBACK",
-    "SILENCE",
     "KindModule",
     "ProgramHold",
     "ServedDevice",
@@ -72,8 +72,8 @@ __all__ = [
 # Interface of a server process to the running device: rows, control by one client at a time, and status reports.
 
 
-SILENCE = 2.0  #: a client that sends no command for this long loses control of the device [s]
-LATE = 1.0  #: a request that waited unread for longer than this is discarded [s]
+CLIENT_TIMEOUT_S = 2.0  #: a client that sends no command for this long loses control of the device [s]
+MAX_WAIT_S = 1.0  #: a request that waited unread for longer than this is discarded [s]
 _SESSIONS_PER_SERVER = 10_000  #: session numbers reserved for each server
 _MAX_HOLDS = 8  #: programs that commanded, listed in the reports of a server: the last ones
 _MAX_NAME = 60  #: characters of a program's name there
@@ -210,7 +210,7 @@ class ServedDevice:
     @property
     def holder(self) -> int:
         """Session of the client that controls the device; 0: none."""
-        if self._holder and monotonic() - self._held_since > SILENCE:
+        if self._holder and monotonic() - self._held_since > CLIENT_TIMEOUT_S:
             self._end_hold(self._held_since, "silent")
         return self._holder
 
@@ -239,7 +239,7 @@ class ServedDevice:
             return False
         now = monotonic()
         since = now if arrival is None else min(arrival, now)
-        if now - since > HOLD:  # safety: waited-is-stale
+        if now - since > HOLD_TIME_S:  # safety: waited-is-stale
             self.stale += 1
             return False
         if self._holder != session:

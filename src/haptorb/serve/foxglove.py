@@ -63,12 +63,12 @@ from haptorb.serve.base import (
 from haptorb.web.access import LOOPBACK, Access, choose_serve_token, is_own_connection
 
 __all__ = [
-    "ARROW",
+    "ARROW_LENGTH_M",
     "FORM",
+    "MAX_QUEUED_MESSAGES",
     "MOVER",
     "PAGES",
     "PORT",
-    "ROOM",
     "STATOR",
     "LiveView",
     "RowMessages",
@@ -269,7 +269,7 @@ def make_json_schema(name: str, title: str, properties: dict[str, Any]) -> Topic
 # end in the unit: _n newton, _nm newton metre, _a ampere, _c degree Celsius, _s second.
 
 
-ARROW = 0.01  #: length of the arrow of 1 N [m]
+ARROW_LENGTH_M = 0.01  #: length of the arrow of 1 N [m]
 _ZERO_CELSIUS_K = 273.15  #: 0 °C [K]
 _AXES = ("x", "y", "z")
 _WRENCHES = ("commanded", "model", "actual")
@@ -301,7 +301,7 @@ class RowMessages:
             RowTopic(
                 make_topic("/tf", FrameTransforms),
                 100.0,
-                "mover, pointer target and a motor's object in `stator`",
+                "mover, hand goal and a motor's object in `stator`",
                 self._encode_frames,
             ),
             RowTopic(make_topic("/pose", PoseInFrame), 100.0, "estimated pose of the mover", self._encode_pose),
@@ -387,7 +387,7 @@ class RowMessages:
             pose = Pose(
                 position=_make_vector(place), orientation=_make_quaternion(turn_to(force / size, (1.0, 0.0, 0.0)))
             )
-            length = ARROW * size
+            length = ARROW_LENGTH_M * size
             arrows.append(
                 ArrowPrimitive(
                     pose=pose, shaft_length=0.8 * length, shaft_diameter=0.0015, head_length=0.2 * length,
@@ -485,7 +485,7 @@ def _to_json(found: dict[str, Any], stamp: int) -> bytes:
 # Connection of one viewer: its subscriptions and its message queue.
 
 
-ROOM = 256  #: messages queued for a viewer; above it, the oldest are dropped and counted
+MAX_QUEUED_MESSAGES = 256  #: messages queued for a viewer; above it, the oldest are dropped and counted
 _MAX_SUBSCRIPTIONS = 64  #: subscriptions of one viewer
 _MESSAGE_HEADER = struct.Struct("<BIQ")  #: operation 1 (message data), subscription, time [ns]
 
@@ -511,7 +511,7 @@ class ViewerConnection:
         """Enqueue the message `data` of a topic, time `stamp` [ns since 1970 UTC], once per subscription to it."""
         for number, wanted in self._subscriptions.items():
             if wanted == topic:
-                if len(self._queue) >= ROOM:
+                if len(self._queue) >= MAX_QUEUED_MESSAGES:
                     self._queue.popleft()
                     self.dropped += 1
                 self._queue.append(_MESSAGE_HEADER.pack(1, number, stamp) + data)

@@ -358,9 +358,9 @@ class Connection(asyncio.Protocol):
             self._open = False
             self.endpoint.close(self)
 
-    def _start_timeout(self, patience: float = _CLIENT_TIMEOUT_S) -> None:
+    def _start_timeout(self, timeout: float = _CLIENT_TIMEOUT_S) -> None:
         self._cancel_timeout()
-        self._timer = asyncio.get_running_loop().call_later(patience, self._transport.abort)
+        self._timer = asyncio.get_running_loop().call_later(timeout, self._transport.abort)
 
     def _cancel_timeout(self) -> None:
         if self._timer is not None:

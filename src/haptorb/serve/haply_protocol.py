@@ -15,7 +15,7 @@ from haptorb.arrays import record
 from haptorb.control.trip_reasons import GuardState
 from haptorb.devices.base import Device
 from haptorb.errors import HaptorbError, InputError, UnknownName
-from haptorb.serve.base import LATE, ServedDevice
+from haptorb.serve.base import MAX_WAIT_S, ServedDevice
 from haptorb.version import __version__
 
 __all__ = [
@@ -228,7 +228,7 @@ def _read_numbers(found: object, names: str, before: Sequence[float], what: str)
 class Cursor:
     """Cursor state from the newest row of `served`; call `update` before reading it.
 
-    place, velocity, force   of the tool, or of a motor's target, in the stator's frame [m, m/s, N]
+    place, velocity, force   of the tool, or of a motor's object, in the stator's frame [m, m/s, N]
     turn                     orientation of the tool or the handle, quaternion (x, y, z, w)
     tick                     rows published at the last update: an equal number means an unchanged cursor
     known                    whether a pose was ever valid
@@ -279,7 +279,7 @@ class Cursor:
         if isfinite(x + y + z):
             if self._direct:
                 self.velocity = self._check_vector(n[self._v])
-            elif self.known and n[self._t] > self.t:  # rows have no velocity of a motor's target
+            elif self.known and n[self._t] > self.t:  # rows have no velocity of a motor's object
                 dt = n[self._t] - self.t
                 a, b, c = self.place
                 self.velocity = ((x - a) / dt, (y - b) / dt, (z - c) / dt)
@@ -299,7 +299,7 @@ class Cursor:
 # Mapping of this device's workspace to that of an Inverse3, which clients expect; clients can configure it.
 #
 # By default the tool's rest position, on top of the Omni's dome, maps to the centre of the Inverse3's workspace, and
-# lengths are scaled by 2, because a shell of 10 cm represents a space of 20 cm. A motor's target moves by millimetres:
+# lengths are scaled by 2, because a shell of 10 cm represents a space of 20 cm. A motor's object moves by millimetres:
 # there the scale is 10. Forces are not scaled, so the rendered stiffness is that of the client times the scale.
 
 
@@ -308,7 +308,7 @@ MAPPING = ("workspace", "basis", "preset", "mount", "transform")  #: settings of
 #: centre of the Inverse3's workspace in the frame of its base, as assumed by public clients [m]
 _WORKSPACE_CENTRE_M = (0.0, -0.14, 0.20)
 _HALF_TURN_ABOUT_Z = (0.0, 0.0, 1.0, 0.0)
-_LENGTH_SCALES = {True: 2.0, False: 10.0}  # for a tool over a shell, for a motor's target
+_LENGTH_SCALES = {True: 2.0, False: 10.0}  # for a tool over a shell, for a motor's object
 
 #: name → mount in the device's own frame, after the Inverse Service's documentation
 PRESETS: dict[str, Transform] = {
@@ -719,7 +719,7 @@ class Service:
             message = json.loads(text)
         except (ValueError, RecursionError):
             message, session.unreadable = None, session.unreadable + bool(text.strip())
-        late = monotonic() - arrival > LATE  # safety: late-messages
+        late = monotonic() - arrival > MAX_WAIT_S  # safety: late-messages
         full = self._execute(session, message, arrival) if isinstance(message, dict) and not late else False
         return self._write(session, config=full)
 

@@ -17,7 +17,7 @@ from haptorb.runtime.trackers.lsl_feed import THIS_COMPUTER
 from haptorb.serve.base import ServedDevice, ServerPreparation
 
 __all__ = [
-    "BACKLOG",
+    "BUFFER_TIME_S",
     "NAME",
     "TYPE",
     "Channel",
@@ -153,7 +153,7 @@ def _describe_clocks(description: Any, clocks: Clocks) -> None:
 # The outlet: rows, each stamped with the start time of its tick.
 
 
-BACKLOG = 10  #: LSL's buffer for a slow reader; then the oldest samples are dropped [s]
+BUFFER_TIME_S = 10  #: LSL's buffer for a slow reader; then the oldest samples are dropped [s]
 
 
 @final
@@ -172,7 +172,7 @@ class RowOutlet:
         self._wall = layout["wall"].start
         clocks = Clocks(self._offset, measure_offset(time))
         info = make_stream_info(pylsl, layout, rate, facts, clocks)
-        self._outlet: Any = pylsl.StreamOutlet(info, 0, BACKLOG)
+        self._outlet: Any = pylsl.StreamOutlet(info, 0, BUFFER_TIME_S)
         self.sent = 0  #: rows sent
 
     @property

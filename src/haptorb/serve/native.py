@@ -37,7 +37,7 @@ from haptorb.version import __version__
 __all__ = [
     "COMMAND",
     "FACTS",
-    "SIZE",
+    "FILE_BYTES",
     "SLOTS",
     "SLOT_SIZE",
     "STATE",
@@ -63,7 +63,7 @@ __all__ = [
 VERSION = 2
 _MAGIC = 0x6C6E62726F747061
 _PAGE = 4096
-SIZE = 3 * _PAGE  #: of the file [bytes]
+FILE_BYTES = 3 * _PAGE  #: of the file [bytes]
 _STATES_AT, _COMMAND_AT = _PAGE, 2 * _PAGE
 SLOTS, SLOT_SIZE = 4, 960  #: of states, at the end of their page
 _SLOTS_AT = 2 * _PAGE - SLOTS * SLOT_SIZE
@@ -116,7 +116,7 @@ HAS_BASE, HAS_WRIST, HAS_ACTIVE_WRIST, HAS_GRIPPER, HAS_ACTIVE_GRIPPER, SIMULATE
 _OMEGA_3, _OMEGA_6, _OMEGA_7, _SIGMA_7 = 33, 34, 35, 104
 _TOOL = HAS_BASE | HAS_WRIST | HAS_ACTIVE_WRIST
 _PROGRAM_DELAY = 2e-3  #: delay from a pose to the program's force, in addition to the tick [s]
-_MOTOR_SCALE = 10.0  #: a motor's target moves by millimetres
+_MOTOR_SCALE = 10.0  #: a motor's object moves by millimetres
 _REACH = 0.1  #: half size of the box about the rest position, for a kind of device whose workspace is unknown [m]
 
 
@@ -363,7 +363,7 @@ class NativeServer:
 
     def __init__(self, served: ServedDevice, descriptor: int, scale: float | None = None) -> None:
         self.served = served
-        self._map = mmap.mmap(descriptor, SIZE)
+        self._map = mmap.mmap(descriptor, FILE_BYTES)
         memory = memoryview(self._map)
         self._bytes, self._words, self._floats = memory, memory.cast("q"), memory.cast("d")
         hardware = describe_hardware(served.device)
@@ -409,7 +409,7 @@ class NativeServer:
         stiffness = min(hardware.lever**2 * loop.largest(GRIPS["light"]), hardware.stiffness) / self._placement.scale
         gripper, limits = hardware.gripper, self._find_limits()
         values: dict[str, Any] = {
-            "version": VERSION, "size": SIZE, "owner": os.geteuid(), "server": os.getpid(),
+            "version": VERSION, "size": FILE_BYTES, "owner": os.geteuid(), "server": os.getpid(),
             "server_start": _process_start(os.getpid()), "type": hardware.type,
             "capabilities": hardware.capabilities | simulated, "serial": os.getppid() & 0xFFFF, "rate": rate,
             "workspace": [self._placement.scale / hardware.scale * side for side in hardware.workspace],
@@ -645,7 +645,7 @@ def _finite(numbers: list[float]) -> tuple[float, ...]:
 
 
 _FORM = "native[:SCALE]"
-_SCALE_MOST = 1000.0
+_MAX_SCALE = 1000.0
 
 
 def device_folder() -> Path:
@@ -688,7 +688,7 @@ def prepare(where: str) -> ServerPreparation:
             scale = float(where)
         except ValueError:
             scale = math.nan
-        if not 1 / _SCALE_MOST <= scale <= _SCALE_MOST:
+        if not 1 / _MAX_SCALE <= scale <= _MAX_SCALE:
             raise InputError(
                 f"--serve {_FORM}: metres for a program of one metre of the tool, 0.001 to 1000; got '{where}'"
             )
@@ -699,7 +699,7 @@ def prepare(where: str) -> ServerPreparation:
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
-        os.posix_fallocate(descriptor, 0, SIZE)
+        os.posix_fallocate(descriptor, 0, FILE_BYTES)
     except BaseException:
         os.close(descriptor)
         path.unlink(missing_ok=True)

@@ -26,7 +26,7 @@ from haptorb.runtime.sockets import DatagramTimes, UdpOwners, is_own_account
 from haptorb.runtime.trackers.osc_feed import read_packet
 from haptorb.serve.base import (
     KINDS,
-    LATE,
+    MAX_WAIT_S,
     ServedDevice,
     ServerPreparation,
     check_port,
@@ -37,14 +37,14 @@ from haptorb.worlds import CATALOGUE, find_world
 from haptorb.worlds.base import Parameter, parameters
 
 __all__ = [
+    "DEFAULT_RATE_HZ",
     "FORM",
     "INCOMING",
-    "LEASE",
-    "MOST",
-    "NEWEST",
+    "LEASE_TIME_S",
+    "MAX_DATAGRAMS",
+    "MAX_SUBSCRIBERS",
     "OUTGOING",
     "PORT",
-    "RATE",
     "REPLIES",
     "AskParameters",
     "ChangeWorld",
@@ -110,7 +110,7 @@ def make_parameter_answer(parameter: Parameter, value: Any) -> bytes:
 Sender: TypeAlias = tuple[str, int]  #: IP address and port of a program
 Letter: TypeAlias = tuple[float, bytes]  #: arrival of a datagram on the monotonic clock [s], and its content
 
-NEWEST = 32  #: newest datagrams of one sender that are used per poll; older ones are dropped
+MAX_DATAGRAMS = 32  #: newest datagrams of one sender that are used per poll; older ones are dropped
 _MAX_SHARED_READS = 512  #: datagrams read from the shared socket per poll
 _MAX_OWN_READS = 64  #: datagrams read from a connected socket per poll
 _MAX_SENDERS = 64  #: senders read per poll
@@ -207,8 +207,8 @@ class OscInbox:
                 if len(found) >= _MAX_SENDERS:
                     self.overtaken += 1
                     continue
-                found[name] = deque(maxlen=NEWEST)
-            self.overtaken += len(found[name]) == NEWEST
+                found[name] = deque(maxlen=MAX_DATAGRAMS)
+            self.overtaken += len(found[name]) == MAX_DATAGRAMS
             found[name].append((self._times.find(notes), data))
         return True
 
@@ -285,7 +285,7 @@ OUTGOING = (
     # as it was called before 0.2.0
     Outgoing("/haptorb/force/asked", "wrench_commanded", "x y z", "N", "earlier name of force/commanded", last=3),
     Outgoing("/haptorb/torque/asked", "wrench_commanded", "x y z", "N·m", "earlier name of torque/commanded", first=3),
-    Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object, a motor's target"),
+    Outgoing("/haptorb/object/position", "object", "x y z", "m", "position of the object that a motor moves"),
     Outgoing("/haptorb/object/orientation", "object_q", "x y z w", "1", "orientation of the object, quaternion"),
     Outgoing("/haptorb/object/force", "object_wrench", "x y z", "N", "force of the worlds on the object", last=3),
     Outgoing("/haptorb/object/torque", "object_wrench", "x y z", "N·m", "torque of the worlds on the object", first=3),
@@ -316,7 +316,7 @@ INCOMING = (
         "/haptorb/force",
         "x y z",
         "N",
-        "Force of the world `remote` on the mover, or on a motor's target. It fades out 50 ms after the last message.",
+        "Force of the world `remote` on the mover, or on a motor's object. It fades out 50 ms after the last message.",
     ),
 )
 
@@ -338,7 +338,7 @@ REPLIES = (
 # Parsing of OSC messages into requests; an invalid message is refused with a reason.
 
 
-RATE = 100.0  #: default rate of bundles [Hz]
+DEFAULT_RATE_HZ = 100.0  #: default rate of bundles [Hz]
 _MAX_RATE_HZ = 4000.0  #: highest rate of bundles [Hz]
 _MAX_NAME_CHARACTERS = 64  #: of a world or parameter [characters]
 _PARAMETER_PREFIX = "/haptorb/parameter/"
@@ -422,7 +422,7 @@ def _read_subscription(values: Sequence[Any]) -> Subscribe:
     if len(values) > 2:
         raise InputError(f"{address} has at most two values, port and rate; got {len(values)}")
     port = _read_port(address, values[0] if values else 0)
-    (rate,) = _read_numbers(address, values[1:] or [RATE], 1)
+    (rate,) = _read_numbers(address, values[1:] or [DEFAULT_RATE_HZ], 1)
     if not 0 < rate <= _MAX_RATE_HZ:
         raise InputError(f"{address}: the rate must be above 0 and at most {_MAX_RATE_HZ:g} Hz; got {rate:g}")
     return Subscribe(port, rate)
@@ -542,8 +542,8 @@ def pad_text(text: str) -> bytes:
 # Subscriptions: port, rate and expiry.
 
 
-LEASE = 10.0  #: lifetime of a subscription; a new request renews it [s]
-MOST = 16  #: subscribers at most
+LEASE_TIME_S = 10.0  #: lifetime of a subscription; a new request renews it [s]
+MAX_SUBSCRIBERS = 16  #: subscribers at most
 
 
 @final
@@ -575,7 +575,7 @@ class Subscriber:
 
 @final
 class Subscribers:
-    """The current subscriptions, at most `MOST`."""
+    """The current subscriptions, at most `MAX_SUBSCRIBERS`."""
 
     def __init__(self) -> None:
         self._known: dict[Sender, Subscriber] = {}
@@ -589,12 +589,12 @@ class Subscribers:
         """Add or renew the subscription of `to` at `rate` [Hz]. Raises InputError if there are too many."""
         known = self._known.get(to)
         if known is None:
-            if len(self._known) >= MOST:
-                raise InputError(f"at most {MOST} programs can subscribe at a time: end one of them")
-            known = self._known[to] = Subscriber(to, rate, now + LEASE)
+            if len(self._known) >= MAX_SUBSCRIBERS:
+                raise InputError(f"at most {MAX_SUBSCRIBERS} programs can subscribe at a time: end one of them")
+            known = self._known[to] = Subscriber(to, rate, now + LEASE_TIME_S)
         elif known.rate != rate:
             known.rate, known.due = rate, float("-inf")
-        known.until, known.any_account = now + LEASE, any_account
+        known.until, known.any_account = now + LEASE_TIME_S, any_account
         return known
 
     def remove(self, to: Sender) -> None:
@@ -804,7 +804,7 @@ class OscSession:
             del values[0]
         request = parse_request(address, values)
         self._inbox.open_own(program.sender)
-        late = now - arrival > LATE  # safety: late-requests
+        late = now - arrival > MAX_WAIT_S  # safety: late-requests
         match request:
             case CommandForce(force):
                 return force

@@ -279,7 +279,7 @@ class SimulatedArm(CoilSimulation):
         matrix(np.array([*(scale * vector), np.cos(half)]), sensed)
         return sensed
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """(6,) mean wrench of the motors on the end effector over the last `advance` [N, N·m], without friction."""
         wrench: Array = self._state["wrench"][0].copy()
         return wrench

@@ -1,4 +1,4 @@
-"""Abstract simulation behind a driver: it advances in time, returns samples, and provides the true wrench."""
+"""Abstract simulation behind a driver: it advances in time, returns samples, and provides the actual wrench."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Simulation(ABC):
         """
 
     @abstractmethod
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Return the mean wrench of coils and core on the mover over the last `advance`.
 
         Contact, hand and gravity are not part of it.

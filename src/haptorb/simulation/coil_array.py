@@ -144,7 +144,7 @@ class SimulatedCoilArray(CoilSimulation):
     >>> simulated = SimulatedCoilArray(load("tetrahedron"), seed=1)
     >>> for _ in range(20):
     ...     simulated.advance(1e-3, np.zeros(4), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
-    >>> bool(-13e-3 < simulated.truth()[2] < -11.5e-3)      # currents off: the core attracts the tool
+    >>> bool(-13e-3 < simulated.wrench_actual()[2] < -11.5e-3)      # currents off: the core attracts the tool
     True
     """
 
@@ -217,7 +217,7 @@ class SimulatedCoilArray(CoilSimulation):
         pose = Pose(pose_stamp, state.R_SR, state.p, state.w, state.v, pose_valid)
         return Sample(t, current, warmth, np.empty((0, 3)), pose)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the tool's origin]."""
         return self._wrench.copy()
 

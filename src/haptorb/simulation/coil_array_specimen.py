@@ -23,7 +23,7 @@ from haptorb.devices.coil_array_wrench_map import ArrayMap, add_core
 from haptorb.devices.placed_coils import PlacedCoils, place_coils
 from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.dipole import MU0
-from haptorb.magnetics.soft_sphere import answer_to_source
+from haptorb.magnetics.soft_sphere import response_to_source
 
 __all__ = ["ArrayTruth", "draw_coils", "draw_strength", "fill_array_truth", "make_array_truth"]
 
@@ -205,8 +205,8 @@ def make_array_truth(device: CoilArray, windings: PlacedCoils, strength: float =
         _fill_grid(radii, heights, turns, coarseness * step, coarse[number])
     core = device.magnetics
     if device.core is not None:
-        answers = [answer_to_source(device.core, placed, core.order) for placed in place_coils(windings)]
-        core = core._replace(answers=np.stack(answers))
+        responses = [response_to_source(device.core, placed, core.order) for placed in place_coils(windings)]
+        core = core._replace(responses=np.stack(responses))
     return ArrayTruth(
         np.ascontiguousarray(windings.position), np.ascontiguousarray(windings.axis), sizes, fine, coarse, coarseness,
         *_flow_around(tool), core, strength,

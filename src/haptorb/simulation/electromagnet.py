@@ -347,7 +347,7 @@ class SimulatedElectromagnet(CoilSimulation):
     >>> omni.place((0, 0, 0.06), (0, 0, 0, 1))
     >>> for _ in range(20):
     ...     omni.advance(1e-3, np.zeros(3), np.array([0, 0, 0.06]), np.array([0, 0, 0, 1.0]))
-    >>> bool(-12.3e-3 < omni.truth()[2] < -12.2e-3)      # currents off: the core attracts the tool, erratum E18
+    >>> bool(-12.3e-3 < omni.wrench_actual()[2] < -12.2e-3)      # currents off: the core attracts the tool, erratum E18
     True
     """
 
@@ -509,7 +509,7 @@ class SimulatedElectromagnet(CoilSimulation):
         tracked = Pose(pose_stamp, pose[:3], pose[3], pose[5], pose[4], pose_valid)
         return Sample(t, read[:channels], read[channels:], field, tracked)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """(6,) mean wrench of coils and core on the tool over the last `advance` [N, N·m about the magnet]."""
         return self._wrench.copy()
 

@@ -28,9 +28,9 @@ from haptorb.magnetics.dipole import MU0
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
-    add_answers,
-    answer_to_source,
+    add_response_wrench,
     harmonic_sums,
+    response_to_source,
     weigh_charges,
 )
 from haptorb.magnetics.source import PlacedSource
@@ -107,7 +107,7 @@ class ElectromagnetSpecimen:
         Returns
         -------
         TruthMap
-            Loops, charges and answers of the core, for the functions of this module.
+            Loops, charges and responses of the core, for the functions of this module.
         """
         stretch, place = self.compute_stretch(), self.core_place
         count = 3 if self.coils is None else len(self.coils.turns)
@@ -119,17 +119,17 @@ class ElectromagnetSpecimen:
             closest = max(float(self._about_core.nearest.min()), closest)
         ratio = self.core.radius**2 / (max(nearest, 1.05 * self.core.radius) * closest)
         order = int(np.clip(np.ceil(np.log(_TRUNCATION) / np.log(ratio)), *_ORDERS))
-        answers = np.zeros((count, (order + 1) * (order + 2) // 2, 2))
+        responses = np.zeros((count, (order + 1) * (order + 2) // 2, 2))
         if self.coils is not None:
             for number, layer in self._place_layers(self.core_place):
-                answers[number] += answer_to_source(self.core, layer, order)
+                responses[number] += response_to_source(self.core, layer, order)
                 more = -_K / self.core.radius**2 * (stretch @ layer.field(np.zeros(3)))
-                answers[number, 1, 0] -= more[2]
-                answers[number, 2] += more[:2]
+                responses[number, 1, 0] -= more[2]
+                responses[number, 2] += more[:2]
         earth_moment = self.core.moment_in(self.earth) + stretch @ self.earth
         made = TruthMap(
             self.ring.rows, np.ascontiguousarray(centres), np.ascontiguousarray(axes), loops, self.moments, place,
-            self.core.radius, order, answers, weigh_charges(self.core, order), stretch, self.earth, earth_moment,
+            self.core.radius, order, responses, weigh_charges(self.core, order), stretch, self.earth, earth_moment,
             np.zeros(3), 0.0, np.zeros((3, count)),
         )  # fmt: skip
         if self.steel is None:
@@ -219,7 +219,7 @@ class TruthMap(NamedTuple):
     core: Array  #: (3,) its centre [m]
     radius: float  #: of the core [m]
     order: int  #: degree of the core's harmonics
-    answers: Array  #: (m, k, 2) response of the core to each coil [T·m/A]
+    responses: Array  #: (m, k, 2) response of the core to each coil [T·m/A]
     shares: Array  #: (k,) factors of the core's response to the magnet
     stretch: Array  #: (3, 3) [A·m²/T] moment of the core minus that of a ball
     earth: Array  #: (3,) [T]
@@ -320,15 +320,15 @@ def fill_truth(t: TruthMap, R: Array, p: Array, out: Array, passive: Array, per_
         for i in range(3):
             placed[i, n] -= t.core[i]
     # The core's response to the magnet is that to one more coil: one call for all.
-    sums, answers = np.empty(((t.order + 2) * (t.order + 3) // 2, 2)), np.empty((count + 1, t.shares.shape[0], 2))
+    sums, responses = np.empty(((t.order + 2) * (t.order + 3) // 2, 2)), np.empty((count + 1, t.shares.shape[0], 2))
     wrenches = np.zeros((6, count + 1))
     harmonic_sums(placed, t.radius, t.order, sums)
     for k in range(t.shares.shape[0]):
         for i in range(2):
             for j in range(count):
-                answers[j, k, i] = t.answers[j, k, i]
-            answers[count, k, i] = t.shares[k] * sums[k, i]
-    add_answers(sums, answers, t.radius, t.order, from_body, wrenches)
+                responses[j, k, i] = t.responses[j, k, i]
+            responses[count, k, i] = t.shares[k] * sums[k, i]
+    add_response_wrench(sums, responses, t.radius, t.order, from_body, wrenches)
     for i in range(6):
         passive[i] += wrenches[i, count]
         for j in range(count):

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
-from haptorb.devices.base import FARTHEST, Device, check_distance, device_function, rotation_to_axis
+from haptorb.devices.base import MAX_DISTANCE_M, Device, check_distance, device_function, rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import InputError, quote
 from haptorb.rotations import quaternion
 
 __all__ = [
-    "DURATION",
+    "DURATION_S",
     "AtRest",
     "DomeMotion",
     "GuidedMotion",
@@ -51,7 +51,7 @@ __all__ = [
 # time: two runs have the same hand motion.
 
 
-DURATION = 20.0  #: end of the motion [s]
+DURATION_S = 20.0  #: end of the motion [s]
 
 _APPROACH_DISTANCE_M = 0.062  #: distance of the tool's magnet from the device's centre before touching down [m]
 _PRESSED_DISTANCE_M = 0.048  #: while pressing [m]: 2 mm below contact, so that a compliant hand leans on the dome
@@ -80,13 +80,13 @@ def _position(t: float, p: Array) -> None:
         _LANDING_TILT_RAD
         - (_LANDING_TILT_RAD + _CIRCLE_TILT_RAD) * _smooth(t, 1.5, 5.0)  # across the summit to the far side
         + (_CIRCLE_TILT_RAD - _LEAN_RAD) * _smooth(t, 10.5, _LEAN_TIME_S)
-        + (_LEAN_RAD + _REST_TILT_RAD) * _smooth(t, _LEAVE_TIME_S, DURATION)
+        + (_LEAN_RAD + _REST_TILT_RAD) * _smooth(t, _LEAVE_TIME_S, DURATION_S)
     )
     bearing = _SLIDE_AZIMUTH_RAD + _GUIDED_MOTION_TURN * _smooth(t, 5.0, 10.5)
     d = (
         _APPROACH_DISTANCE_M
         + (_PRESSED_DISTANCE_M - _APPROACH_DISTANCE_M) * _smooth(t, 0.0, 1.5)
-        + (_REST_DISTANCE_M - _PRESSED_DISTANCE_M) * _smooth(t, _LEAVE_TIME_S, DURATION)
+        + (_REST_DISTANCE_M - _PRESSED_DISTANCE_M) * _smooth(t, _LEAVE_TIME_S, DURATION_S)
     )
     s = d * math.sin(tilt)
     p[0], p[1], p[2] = s * math.cos(bearing), s * math.sin(bearing), d * math.cos(tilt)
@@ -176,10 +176,10 @@ class GuidedMotion(ABC):
 class DomeMotion(GuidedMotion):
     """Stylus that slides over the dome and circles its summit: see `position_on_path`."""
 
-    duration = DURATION
+    duration = DURATION_S
 
     def __init__(self) -> None:
-        self._rest = position_on_path(DURATION)
+        self._rest = position_on_path(DURATION_S)
         # Compiled at construction, not at the release.
         self.pose_on_return(self._rest, upright_quaternion(self._rest), 1.0)
 
@@ -365,7 +365,7 @@ PathFunction: TypeAlias = Callable[[float], Any]
 
 
 def check_pose(
-    p: ArrayLike, q: ArrayLike | None = None, farthest: float = FARTHEST, *, upright: bool = False
+    p: ArrayLike, q: ArrayLike | None = None, farthest: float = MAX_DISTANCE_M, *, upright: bool = False
 ) -> HandPose:
     """(3,) `p` [m] and (4,) normalised quaternion `q`; None: the tool's axis radial, or `upright`.
 
@@ -415,7 +415,7 @@ class SampledPath:
     """
 
     def __init__(
-        self, poses: ArrayLike, times: ArrayLike, farthest: float = FARTHEST, *, upright: bool = False
+        self, poses: ArrayLike, times: ArrayLike, farthest: float = MAX_DISTANCE_M, *, upright: bool = False
     ) -> None:
         """Raises InputError for other shapes, times that do not increase, and poses as `check_pose` does."""
         rows = _check_numbers(poses, None, "path must be poses (n, 3) or (n, 7), finite numbers [m]")

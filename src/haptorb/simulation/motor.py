@@ -44,7 +44,7 @@ from haptorb.simulation.tool_dynamics import fill_remaining_rotation, matrix
 __all__ = [
     "MOTOR",
     "ROTOR",
-    "STRIDE",
+    "STRIDE_RAD",
     "SimulatedMotor",
     "advance",
     "angular_velocity",
@@ -164,7 +164,7 @@ def kick(rotor: Record, coefficients: Array, R: Array, passive: Array, coils: Ar
 # Physics of a motor in compiled code: steps of rotor and coils, and one reading of every sensor.
 
 
-STRIDE = 5e-3  #: rotation [rad] over which one torque characteristic is used: K varies over tenths of a radian
+STRIDE_RAD = 5e-3  #: rotation [rad] over which one torque characteristic is used: K varies over tenths of a radian
 
 #: State and settings of a simulated motor except its coils and field sensors.
 MOTOR = fields(
@@ -187,7 +187,7 @@ MOTOR = fields(
 def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, duties: Array, goal: Array) -> None:
     """Advance `motor` (1,) MOTOR and `coils` (m,) COIL by several steps of rotor and coils.
 
-    The torque per ampere changes little from step to step: it is evaluated once per rotation by STRIDE, at its
+    The torque per ampere changes little from step to step: it is evaluated once per rotation by STRIDE_RAD, at its
     midpoint.
 
     magnetics as `pack_truth` made them; strength (p,) of the magnets; duties (m,); the hand moves to goal (4,) if
@@ -231,13 +231,13 @@ def advance(motor: Records, coils: Records, magnetics: Array, strength: Array, d
 
 @kernel
 def _stride(rotor: Record, dt: float, most: int) -> int:
-    """Number of steps of `dt` [s], 1 to `most`, until the rotor has rotated by STRIDE."""
+    """Number of steps of `dt` [s], 1 to `most`, until the rotor has rotated by STRIDE_RAD."""
     momentum, inertia = rotor.momentum, rotor.inertia
     a, b, c = momentum[0] / inertia[0], momentum[1] / inertia[1], momentum[2] / inertia[2]
     turned = dt * math.sqrt(a * a + b * b + c * c)
-    if not turned * most > STRIDE:  # also if its state is not finite
+    if not turned * most > STRIDE_RAD:  # also if its state is not finite
         return most
-    return max(int(STRIDE / turned), 1)
+    return max(int(STRIDE_RAD / turned), 1)
 
 
 @kernel
@@ -462,7 +462,7 @@ class SimulatedMotor(CoilSimulation):
         tracked = Pose(pose_stamp, pose[:3], self._still, pose[3], self._still, pose_valid)
         return Sample(t, read[:channels], read[channels:], field, tracked)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """(6,) mean wrench over the last `advance`: torque of coils, regulator and weight on the rotor [N·m], without
         hand, bearing and end stop. The bearing carries every force: the first three are zero."""
         wrench = np.zeros(6)

@@ -247,7 +247,7 @@ def _find_reference(reference: Reference, run: Recording, rows: Rows, wrench: st
 
 
 def _list_states(run: Recording, rows: Rows) -> Iterable[State]:
-    """The estimated state of the world's object in each of `rows`: the mover, or a motor's target."""
+    """The estimated state of the world's object in each of `rows`: the mover, or what a motor moves."""
     direct = "object" not in {field.name for field in run.fields}
     place, turn = ("p", "q") if direct else ("object", "object_q")
     columns = {name: np.asarray(run[name])[rows] for name in ("t", place, turn, "v", "w")}

@@ -25,9 +25,9 @@ from haptorb.web.session import PointerRelay, describe_world, prepare, press_but
 from haptorb.web.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 
 __all__ = [
-    "BACKLOG",
-    "MOST",
-    "PATIENCE",
+    "MAX_BACKLOG_S",
+    "MAX_PAGES",
+    "SEND_TIMEOUT_S",
     "ConsolePage",
     "ConsoleSocketHub",
     "DesignRelay",
@@ -44,7 +44,7 @@ __all__ = [
 # Connection of one page: its socket, and the events to send; a page that does not read is disconnected.
 
 
-PATIENCE = 5.0  #: send timeout of a page that does not read [s]
+SEND_TIMEOUT_S = 5.0  #: send timeout of a page that does not read [s]
 
 
 @final
@@ -67,13 +67,13 @@ class ConsolePage:
         """Send all queued events. Raises TimeoutError as `send` does."""
         while self.events:
             event = self.events.pop(next(iter(self.events)))
-            async with asyncio.timeout(PATIENCE):
+            async with asyncio.timeout(SEND_TIMEOUT_S):
                 await self.socket.send_text(json.dumps(event, allow_nan=False, default=to_json))
             await asyncio.sleep(0)  # lets the server process a failure now
 
     async def send(self, frame: bytes) -> None:
         """Send one frame. Raises TimeoutError if the page has not read the earlier ones after 5 s."""
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(SEND_TIMEOUT_S):
             await self.socket.send_bytes(frame)
         await asyncio.sleep(0)
 
@@ -103,7 +103,7 @@ async def wait_for_first(*coroutines: Coroutine[Any, Any, None]) -> None:
 
 
 #: length of the window of the statistics [s]
-WINDOW = 5.0
+WINDOW_S = 5.0
 #: rows read per call at most [s]: copying all rows in the ring would delay a Stop by tens of ms
 _MAX_HEALTH_READ_S = 1.0
 
@@ -158,7 +158,7 @@ class Health:
                 )
             )
             newest = float(rows[-1, self._t])
-            while len(self._window) > 1 and float(self._window[0][-1, 0]) < newest - WINDOW:
+            while len(self._window) > 1 and float(self._window[0][-1, 0]) < newest - WINDOW_S:
                 self._window.popleft()
         else:
             self._window.clear()
@@ -192,7 +192,7 @@ class Health:
 
 
 #: rows older than this are dropped instead of being sent to a slow page [s]
-BACKLOG = 2.0
+MAX_BACKLOG_S = 2.0
 #: rows read per call at most, for the same reason as in `Health` [s]
 _MAX_ROWS_READ_S = 0.25
 
@@ -216,7 +216,7 @@ class RecentRows:
         if self.end - before > len(rows):  # a gap: not called for a while, so earlier rows are old
             self._pieces.clear()
         self._pieces.append((self.end - len(rows), rows))
-        while self._pieces[0][1][-1, self._t] < rows[-1, self._t] - BACKLOG:
+        while self._pieces[0][1][-1, self._t] < rows[-1, self._t] - MAX_BACKLOG_S:
             self._pieces.popleft()
         return self.end
 
@@ -316,7 +316,7 @@ class DesignRelay:
         task.add_done_callback(self._tasks.discard)
 
 
-MOST = 16  #: pages at the same time
+MAX_PAGES = 16  #: pages at the same time
 FRAME_INTERVAL_S = 1 / 60  #: between two frames [s]
 ECHO_POLL_INTERVAL_S = 1 / 500  #: polling interval of the rows while an echo of the pointer is pending [s]
 HAND_REFRESH_INTERVAL_S = 1 / 100  #: between two refreshes of a hand at rest [s]
@@ -382,8 +382,8 @@ class ConsoleSocketHub:
     async def join(self, socket: WebSocket) -> None:
         """Serve one page until it disconnects or stops reading; refuse pages above the maximum with the reason."""
         await socket.accept(PROTOCOL if PROTOCOL in socket.scope["subprotocols"] else None)
-        if len(self._pages) >= MOST:
-            await socket.close(_TRY_AGAIN_LATER, f"{MOST} pages are open already: close one of them")
+        if len(self._pages) >= MAX_PAGES:
+            await socket.close(_TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them")
             return
         page = ConsolePage(socket)
         self._pages.append(page)

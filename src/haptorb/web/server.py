@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "HOST",
-    "LIFE",
-    "MOST",
+    "MAX_CONNECTIONS",
+    "MAX_LIFETIME_S",
     "OwnErrorFilter",
     "PageAddress",
     "Request",
@@ -73,8 +73,8 @@ __all__ = [
 
 #: connections with HTTP requests, and as many WebSockets that are opening or closing; a browser needs six. A new one
 #: replaces the oldest
-MOST = 32
-LIFE = 5.0  #: maximum lifetime of such a connection [s]
+MAX_CONNECTIONS = 32
+MAX_LIFETIME_S = 5.0  #: maximum lifetime of such a connection [s]
 _READ_BYTES = 16384  #: read from one connection before the others have their turn [bytes]
 _CLOSE_TIMEOUT_S = 1.0  #: for the client to complete the close [s]
 
@@ -97,7 +97,7 @@ class Request(H11Protocol):
         super().connection_made(transport)
         limit_read_size(transport)
         self._waiting[:] = [one for one in self._waiting if isinstance(one.get_protocol(), Request)]
-        while len(self._waiting) >= MOST:  # safety: few-connections
+        while len(self._waiting) >= MAX_CONNECTIONS:  # safety: few-connections
             self._waiting.pop(0).abort()
         self._waiting.append(transport)
         self._end = self.loop.time() + self._life
@@ -155,11 +155,11 @@ class Socket(WebSocketsSansIOProtocol):
         super().connection_made(transport)
         self._since = self.loop.time()
         passing = [one for one in self.connections if isinstance(one, Socket) and one is not self and one.passes]
-        for one in sorted(passing, key=lambda one: one._since)[: max(0, len(passing) - MOST + 1)]:
+        for one in sorted(passing, key=lambda one: one._since)[: max(0, len(passing) - MAX_CONNECTIONS + 1)]:
             one.transport.abort()
         limit_read_size(cast("asyncio.Transport", transport))
         self.loop.call_later(_CLOSE_TIMEOUT_S, self._abort_if_closing, False)
-        self.loop.call_later(LIFE, self._abort_handshake)
+        self.loop.call_later(MAX_LIFETIME_S, self._abort_handshake)
 
     def _abort_handshake(self) -> None:
         """Abort the connection if its handshake has not completed in time."""
@@ -233,8 +233,8 @@ def configure(
 ) -> uvicorn.Config:
     """Settings of a server for `app` (ASGI), whose WebSockets become a `socket`.
 
-    `life` (None: LIFE) and `renewed` are those of `Request`, all others uvicorn's."""
-    request = partial(Request, waiting=[], life=LIFE if life is None else life, renewed=renewed)
+    `life` (None: MAX_LIFETIME_S) and `renewed` are those of `Request`, all others uvicorn's."""
+    request = partial(Request, waiting=[], life=MAX_LIFETIME_S if life is None else life, renewed=renewed)
     config = uvicorn.Config(
         app,
         log_level="warning",

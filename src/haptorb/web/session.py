@@ -27,28 +27,28 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.trackers.pose_filter import describe_trip
 from haptorb.runtime.trackers.registry import has_feed
 from haptorb.version import __version__
-from haptorb.web.wire import Columns, Pointer
+from haptorb.web.wire import Columns, PointerMessage
 from haptorb.worlds import CATALOGUE, Outlet, SnapFit, World, find_world
 from haptorb.worlds.base import parameters
 from haptorb.worlds.base import values as parameter_values
 from haptorb.worlds.dynamic import DynamicWorld, find_number
 
 __all__ = [
-    "PATIENCE",
-    "PATIENCE_SIMULATED",
-    "Patience",
+    "HANG_TIMEOUTS",
+    "HANG_TIMEOUTS_SIMULATED",
+    "HangTimeouts",
     "PointerRelay",
     "RecordedServo",
     "describe_parts",
     "describe_scene",
     "describe_world",
+    "hang_timeouts_for",
     "list_shapes",
-    "patience_for",
+    "object_scene",
     "prepare",
     "press_buttons",
     "read_world",
     "session",
-    "target_scene",
     "world_now",
     "world_remarks",
     "worlds",
@@ -222,7 +222,7 @@ def list_shapes(name: str, values: Mapping[str, Any], own: Mapping[str, World], 
 # --------------------------------------------------------------------------------------------------
 # Scene of the object that a motor moves: plug, socket, and the bending of hooks, as computed by the world.
 #
-# All lengths in metres in the target's frame: X' out of the socket, Y' from one hook to the other.
+# All lengths in metres in the object's frame: X' out of the socket, Y' from one hook to the other.
 
 
 _BEND_POINTS = 7  #: contact points along a wedge for which the deflection of a hook is sent; the page interpolates
@@ -232,11 +232,11 @@ _EDGE_THICKNESS_M = 1.5e-3  #: of the edge of that part; drawing only [m]
 
 def prepare() -> None:
     """Precompute the first scenes in a thread: it takes a second, which would later delay the hand's pose."""
-    Thread(target=lambda: [target_scene(name, {}) for name in ("outlet", "snap_fit")], daemon=True).start()
+    Thread(target=lambda: [object_scene(name, {}) for name in ("outlet", "snap_fit")], daemon=True).start()
 
 
-def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Geometry of the world `name` with `values`; None if there is nothing to draw but the target itself.
+def object_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Geometry of the world `name` with `values`; None if there is nothing to draw but the object itself.
 
     hooks     number of hooks, the first at +Y'
     root      X' of their roots; they extend towards +X'
@@ -250,7 +250,7 @@ def target_scene(name: str, values: Mapping[str, Any]) -> dict[str, Any] | None:
     floor     X' of the socket's floor
     force     typical force [N]
     """
-    return _target_scene(name, _to_key(values))
+    return _object_scene(name, _to_key(values))
 
 
 def world_remarks(name: str, values: Mapping[str, Any]) -> list[str]:
@@ -271,7 +271,7 @@ def _remarks(name: str, values: tuple[tuple[str, float], ...]) -> list[str]:
 
 
 @lru_cache(maxsize=128)  # the maximum number of designs in a feel session
-def _target_scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
+def _object_scene(name: str, values: tuple[tuple[str, float], ...]) -> dict[str, Any] | None:
     try:
         world = find_world(name)().replace(**dict(values))
     except HaptorbError:  # a user's world, unknown to this process
@@ -337,36 +337,36 @@ def _describe_hook_scene(hook: Hook, at: Array, **others: Any) -> dict[str, Any]
 # releases. Because a browser on a busy computer stutters, short pauses are bridged while its socket is open. A pointer
 # at rest sends no messages, so the server refreshes it while the page is connected.
 #
-# Two timeouts, `Patience`, bound how long a force may last without the user: of the page's main thread, after which its
-# worker drops the pose, and of the worker, after which the server drops it. A real device allows at most 0.25 s; then
-# the pose expires (`limits.expiry`), and the guard fades the force out within 50 ms and trips. A simulated device
-# cannot hurt anyone, and no tracker has failed: it allows 1 s, then the simulated hand releases the pointer and returns
-# to rest within 1.5 s, without a trip. If a page disconnects during a drag, the pose expires with either. Since this
-# process may also wait for a processor, the simulated hand keeps its pose for 0.3 s without a message from here.
+# Two timeouts, `HangTimeouts`, bound how long a force may last without the user: of the page's main thread, after
+# which its worker drops the pose, and of the worker, after which the server drops it. A real device allows at most
+# 0.25 s; then the pose expires (`limits.expiry`), and the guard fades the force out within 50 ms and trips. A simulated
+# device cannot hurt anyone, and no tracker has failed: it allows 1 s, then the simulated hand releases the pointer and
+# returns to rest within 1.5 s, without a trip. If a page disconnects during a drag, the pose expires with either. Since
+# this process may also wait for a processor, the simulated hand keeps its pose for 0.3 s without a message from here.
 
 
-class Patience(NamedTuple):
+class HangTimeouts(NamedTuple):
     """Timeouts of a dragged pointer that is not refreshed [s]."""
 
     page: float  #: from the page's main thread to its worker
     worker: float  #: from the worker to the server
 
 
-PATIENCE = Patience(page=0.25, worker=0.15)
-PATIENCE_SIMULATED = Patience(page=1.0, worker=1.0)
+HANG_TIMEOUTS = HangTimeouts(page=0.25, worker=0.15)
+HANG_TIMEOUTS_SIMULATED = HangTimeouts(page=1.0, worker=1.0)
 
 _STARVATION_S = 0.3  #: time that a simulated hand bridges while this process gets no processor [s]
 #: largest difference of a row's goal from the pointer's that it echoes [m]; the transport is in float32
 _ECHO_TOLERANCE_M = 1e-6
 #: a hand is at rest this long after its release [s]
-SETTLED = 0.5
+SETTLE_TIME_S = 0.5
 #: timeout of an echo [s]
 _ECHO_TIMEOUT_S = 0.5
 
 
-def patience_for(driver: str) -> Patience:
+def hang_timeouts_for(driver: str) -> HangTimeouts:
     """Timeouts for `driver`: longer for the simulation, which has no power."""
-    return PATIENCE_SIMULATED if driver == "sim" else PATIENCE
+    return HANG_TIMEOUTS_SIMULATED if driver == "sim" else HANG_TIMEOUTS
 
 
 @final
@@ -375,8 +375,8 @@ class PointerRelay:
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
-        self._simulated, self._grace = servo.driver == "sim", patience_for(servo.driver).worker
-        self._patience = _STARVATION_S if self._simulated else 0.0
+        self._simulated, self._grace = servo.driver == "sim", hang_timeouts_for(servo.driver).worker
+        self._keep_alive = _STARVATION_S if self._simulated else 0.0
         self._last: tuple[Array, Array | None, float] | None = None  # the dragged pose, and when it was received
         self._release_time = 0.0  # time of the release [s]
         self._resting: tuple[Array, Array | None] | None = None
@@ -384,9 +384,9 @@ class PointerRelay:
         self._pending: deque[tuple[float, float, Array, Array | None]] = deque(maxlen=64)
         self.held = False
 
-    def point(self, pointer: Pointer) -> None:
+    def point(self, pointer: PointerMessage) -> None:
         """Forward a pointer that moved or was released at `pointer.p`."""
-        self._servo.hand.point(pointer.p, pointer.q, patience=self._patience)
+        self._servo.hand.point(pointer.p, pointer.q, patience=self._keep_alive)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         if not pointer.held:
@@ -398,10 +398,10 @@ class PointerRelay:
     def refresh(self) -> None:
         """Refresh a hand at rest, or one whose page stutters; call it more often than the device's expiry."""
         if self._resting is not None:
-            self._servo.hand.point(*self._resting, patience=self._patience)
+            self._servo.hand.point(*self._resting, patience=self._keep_alive)
         elif self._last is not None:
             if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
-                self._servo.hand.point(self._last[0], self._last[1], patience=self._patience)
+                self._servo.hand.point(self._last[0], self._last[1], patience=self._keep_alive)
             else:
                 self.drop()
 
@@ -410,7 +410,7 @@ class PointerRelay:
 
         A browser that closes a page during a drag first sends a release of the pointer, which does not count as rest.
         """
-        if self._resting is not None and time.monotonic() - self._release_time > SETTLED:
+        if self._resting is not None and time.monotonic() - self._release_time > SETTLE_TIME_S:
             self._servo.hand.release()
         self._clear()
 
@@ -542,7 +542,7 @@ def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
         "started": started,
         "simulated": servo.driver == "sim",
         "steered": not has_feed(servo.tracker),
-        "patience": patience_for(servo.driver).page,
+        "patience": hang_timeouts_for(servo.driver).page,
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "scene": {"gives": "force", **describe_scene(device)},
         "modes": list(servo.modes),
@@ -588,7 +588,7 @@ def describe_world(servo: Servo, name: str, values: Mapping[str, Any], model: st
         "name": name,
         "values": dict(values),
         "model": model,
-        "scene": target_scene(name, values) if servo.modes else None,
+        "scene": object_scene(name, values) if servo.modes else None,
         "shapes": list_shapes(name, values, servo.own_worlds, servo.device),
         "remarks": _own_remarks(servo, name) or world_remarks(name, values),
     }

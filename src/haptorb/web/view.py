@@ -32,13 +32,13 @@ from haptorb.recording.recording import Recording
 from haptorb.recording.row import Field, RowLayout
 from haptorb.version import __version__
 from haptorb.web.access import PROTOCOL, AccessGate, choose_token
-from haptorb.web.console_hub import PATIENCE, to_json, wait_for_first
+from haptorb.web.console_hub import SEND_TIMEOUT_S, to_json, wait_for_first
 from haptorb.web.force_map import ForceMapSource, shell
 from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.overview import Overview
 from haptorb.web.server import PageAddress, bind_socket, open_browser_at, page_files, respond, server, signals
 from haptorb.web.server import command as read_command
-from haptorb.web.session import RecordedServo, list_shapes, session, target_scene, world_remarks, worlds
+from haptorb.web.session import RecordedServo, list_shapes, object_scene, session, world_remarks, worlds
 from haptorb.web.wire import COLUMNS, MODED, encode_force_frame, mesh_frame, rows_frame
 from haptorb.worlds import CATALOGUE
 from haptorb.worlds.base import parameters
@@ -102,7 +102,7 @@ def find_device(path: Path, note: Mapping[str, str], name: str | None) -> tuple[
 
 
 # --------------------------------------------------------------------------------------------------
-# Worlds of a recording, described for the page: values, bodies, target scene and remarks.
+# Worlds of a recording, described for the page: values, bodies, scene of the object and remarks.
 
 
 _UNKNOWN_WORLD_TEXT = "your own world: its code does not run here, so neither its force map nor its bodies are drawn"
@@ -155,7 +155,7 @@ def describe_world(name: str, values: Mapping[str, Any], model: str, device: Dev
         "name": name,
         "values": {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()},
         "model": model,
-        "scene": target_scene(name, values) if device.kind.modes else None,
+        "scene": object_scene(name, values) if device.kind.modes else None,
         "shapes": list_shapes(name, values, {}, device),
         "remarks": world_remarks(name, values) if name in CATALOGUE else [f"'{name}': {_UNKNOWN_WORLD_TEXT}."],
     }
@@ -526,12 +526,12 @@ class RowSocket:
                 await self._send(frame)
 
     async def _send(self, frame: bytes) -> None:
-        async with self._sending, asyncio.timeout(PATIENCE):
+        async with self._sending, asyncio.timeout(SEND_TIMEOUT_S):
             await self._socket.send_bytes(frame)
 
     async def _send_event(self, event: str, **what: Any) -> None:
         text = json.dumps({"event": event, **what}, allow_nan=False, default=to_json)
-        async with self._sending, asyncio.timeout(PATIENCE):
+        async with self._sending, asyncio.timeout(SEND_TIMEOUT_S):
             await self._socket.send_text(text)
 
 
@@ -553,7 +553,7 @@ def _read_whole(question: Mapping[str, Any], key: str) -> int:
 #: folder into which the build hook writes the pages
 STATIC = Path(__file__).parent / "view_static"
 
-MOST = 16  #: pages of a recording at the same time
+MAX_PAGES = 16  #: pages of a recording at the same time
 _TRY_AGAIN_LATER = 1013  #: close code of a WebSocket: too many pages
 _NO_RECORDING = 4404  #: close code of a WebSocket for an unknown recording
 
@@ -609,7 +609,7 @@ def application(
 
     async def rows(socket: WebSocket) -> None:
         number = number_of(socket)
-        if number is None or open_pages[number] >= MOST:
+        if number is None or open_pages[number] >= MAX_PAGES:
             await socket.accept()
             await socket.close(
                 *((_NO_RECORDING, "no such recording") if number is None else (_TRY_AGAIN_LATER, "too many pages"))

@@ -16,7 +16,7 @@ from haptorb.errors import InputError
 from haptorb.recording.export import column_heads
 from haptorb.recording.row import RowLayout
 
-__all__ = ["COLUMNS", "Columns", "Pointer", "encode_force_frame", "mesh_frame", "pointer", "rows_frame"]
+__all__ = ["COLUMNS", "Columns", "PointerMessage", "encode_force_frame", "mesh_frame", "pointer", "rows_frame"]
 
 MAGIC = 0x48_4F_52_42  #: "HORB" as a little-endian integer
 VERSION = 1
@@ -44,11 +44,11 @@ COLUMNS = (
     *("saturated", "part", "memory"),
 )
 
-#: further columns of a device with modes, whose mover moves a target
+#: further columns of a device with modes, whose mover moves an object
 MODED = ("mode", "engaged", "share", "object", "object_q", "object_wrench", "contacts")
 
 #: largest distance of a valid pointer pose from the origin [m]
-REACH = 1.0
+MAX_DISTANCE_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Columns:
     """Columns of a servo's row that are sent to the page, and their layout in a frame."""
 
     layout: RowLayout
-    moded: bool = False  #: whether the device has modes, and a target
+    moded: bool = False  #: whether the device has modes, and an object
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,8 +109,8 @@ def encode_force_frame(force: Array, saturated: np.ndarray[tuple[int], np.dtype[
 
 
 @dataclass(frozen=True)
-class Pointer:
-    """Goal for the mover from the page's pointer."""
+class PointerMessage:
+    """Hand goal from the page's pointer."""
 
     stamp: float  #: the page's time of the pointer event [ms]; NaN: a refresh without echo
     p: Array  #: (3,) [m]
@@ -118,18 +118,18 @@ class Pointer:
     held: bool  #: True during a drag, False when released at rest
 
 
-def pointer(message: bytes) -> Pointer:
+def pointer(message: bytes) -> PointerMessage:
     """Decode a pointer message. Raises InputError if it is malformed, not finite or out of reach."""
     if len(message) != _POINTER.size:
         raise InputError(f"a pointer message has {_POINTER.size} bytes; got {len(message)}")
     stamp, x, y, z, *turned, held = _POINTER.unpack(message)
     p, q = np.array((x, y, z)), np.array(turned)
-    if not math.hypot(x, y, z) <= REACH:
-        raise InputError(f"a pointer's position must be finite and within {REACH:g} m; got {p.tolist()} m")
+    if not math.hypot(x, y, z) <= MAX_DISTANCE_M:
+        raise InputError(f"a pointer's position must be finite and within {MAX_DISTANCE_M:g} m; got {p.tolist()} m")
     if math.isinf(stamp):
         raise InputError("a pointer's time stamp must be finite, or NaN for none")
     if np.isnan(q).all():
-        return Pointer(stamp, p, None, held == 1.0)
+        return PointerMessage(stamp, p, None, held == 1.0)
     if not abs(math.hypot(*turned) - 1) <= 1e-3:
         raise InputError(f"a pointer's orientation must be a unit quaternion; got {turned}")
-    return Pointer(stamp, p, q, held == 1.0)
+    return PointerMessage(stamp, p, q, held == 1.0)

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar, Final, Literal, Self, cast
+from warnings import warn
 
 import numpy as np
 
@@ -19,10 +20,10 @@ __all__ = [
     "PARTS",
     "SHAPES",
     "ContactWorld",
+    "ObjectWorld",
     "Parameter",
     "Shape",
     "Sum",
-    "TargetWorld",
     "World",
     "WrenchPart",
     "check",
@@ -254,8 +255,8 @@ class World(Presentable, ABC):
         Whether no closed path can extract energy from it.
     continuous : bool
         Whether the wrench has no jumps.
-    needs_target : bool
-        Whether it acts on the target that a device moves through modes, whose frame is not the stator's.
+    needs_object : bool
+        Whether it acts on the object that a device moves through modes, whose frame is not the stator's.
     asks : str or None
         Part of the wrench that it defines, "force", "torque" or "both"; None: every part that is not zero.
     remembers : bool
@@ -275,9 +276,15 @@ class World(Presentable, ABC):
 
     passive: ClassVar[bool] = True
     continuous: ClassVar[bool] = True
-    needs_target: ClassVar[bool] = False
+    needs_object: ClassVar[bool] = False
     asks: ClassVar[WrenchPart | None] = None
     remembers: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "needs_target" in cls.__dict__:
+            warn("a world's `needs_target` is now called `needs_object`", DeprecationWarning, stacklevel=2)
+            cls.needs_object = cls.__dict__["needs_target"]
 
     def __post_init__(self) -> None:
         check(self)
@@ -364,11 +371,11 @@ class World(Presentable, ABC):
         Raises
         ------
         InputError
-            If the world needs a target, and the device has none.
+            If the world needs an object, and the device moves none.
         """
-        if self.needs_target and not device.kind.modes:
+        if self.needs_object and not device.kind.modes:
             raise InputError(
-                f"world {type(self).__name__} acts on a target that a device moves in two modes; device "
+                f"world {type(self).__name__} acts on an object that a device moves in two modes; device "
                 f"'{device.name}' ({device.kind.title}) has none: choose another world, or a "
                 "device with modes, such as pmsm"
             )
@@ -407,14 +414,14 @@ class World(Presentable, ABC):
 
 
 @dataclass(frozen=True)
-class TargetWorld(World):
+class ObjectWorld(World):
     """World that acts on an object that a device moves in two modes, such as a plug in its socket.
 
-    Its states and wrenches are the target's, in a frame that is not the stator's: a device without a target rejects
+    Its states and wrenches are the object's, in a frame that is not the stator's: a device that acts directly rejects
     it.
     """
 
-    needs_target: ClassVar[bool] = True
+    needs_object: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from haptorb.devices.gripper import find_gripper
 from haptorb.worlds.base import World, parameter
 from haptorb.worlds.dynamic import DynamicSum, DynamicWorld, MemoryField
 
-__all__ = ["FADE", "HOLD", "Remote", "join_remote", "split_remote"]
+__all__ = ["FADE_TIME_S", "HOLD_TIME_S", "Remote", "join_remote", "split_remote"]
 
 
-HOLD = 0.05  #: hold time after the last command [s]
-FADE = 0.02  #: fade time to zero after that [s]
+HOLD_TIME_S = 0.05  #: hold time after the last command [s]
+FADE_TIME_S = 0.02  #: fade time to zero after that [s]
 
 _FIELDS = (
     MemoryField("force", "N", "force commanded by the client, stator frame", (3,)),
@@ -41,8 +41,8 @@ def _take_command(memory: Records, client: Records) -> None:
         finite &= np.isfinite(c.force[i]) and np.isfinite(c.torque[i])
     fade = 0.0
     if finite and c.session > 0.0:
-        late = max(c.age - HOLD, c.lost)  # safety: client-silence-fades, client-loss-fades
-        fade = min(max(1.0 - late / FADE, 0.0), 1.0)
+        late = max(c.age - HOLD_TIME_S, c.lost)  # safety: client-silence-fades, client-loss-fades
+        fade = min(max(1.0 - late / FADE_TIME_S, 0.0), 1.0)
     for i in range(3):
         m.force[i] = c.force[i] if finite else 0.0  # safety: client-force-finite
         m.torque[i] = c.torque[i] if finite else 0.0  # safety: client-torque-finite

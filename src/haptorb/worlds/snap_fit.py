@@ -30,7 +30,7 @@ from haptorb.beams import MATERIALS, TABLE_3, Hook, Model, appendix_b, balance_f
 from haptorb.compiled import kernel, tick_kernel
 from haptorb.devices.base import State
 from haptorb.errors import GeometryError, InputError
-from haptorb.worlds.base import ContactWorld, TargetWorld, parameter
+from haptorb.worlds.base import ContactWorld, ObjectWorld, parameter
 
 __all__ = [
     "CONTACT",
@@ -461,7 +461,7 @@ def _snap_fit(
 
 
 @dataclass(frozen=True)
-class SnapFit(ContactWorld, TargetWorld):
+class SnapFit(ContactWorld, ObjectWorld):
     """Snap-fit: hooks bend, snap in, and retain the part until the pull-out force is exceeded.
 
     Sizes as in `haptorb.beams.Hook`. The default is a pair of ABS hooks of ordinary proportions (1.5 % strain at the
@@ -498,7 +498,7 @@ class SnapFit(ContactWorld, TargetWorld):
     _table: Array = field(init=False, repr=False, compare=False)  #: (n, 12): cubics of Ω₊, Ω₋, Ωₓ over E w [m/N]
 
     def __post_init__(self) -> None:
-        TargetWorld.__post_init__(self)
+        ObjectWorld.__post_init__(self)
         if self.hooks not in (1, 2):
             raise InputError(f"SnapFit.hooks must be 1 or 2; got {self.hooks!r}")
         hook = Hook(
@@ -692,7 +692,7 @@ def _outlet(p: Array, R: Array, v: Array, w: Array, plugs: Records, wrench: Arra
 
 
 @dataclass(frozen=True)
-class Outlet(ContactWorld, TargetWorld):
+class Outlet(ContactWorld, ObjectWorld):
     """Plug in an outlet: retained by friction, resists tilt, and is released at the end.
 
     Dimensions and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The pull is 11.5 N with the
@@ -729,7 +729,7 @@ class Outlet(ContactWorld, TargetWorld):
     _plug: Records = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        TargetWorld.__post_init__(self)
+        ObjectWorld.__post_init__(self)
         if self.opening >= self.plug_width:
             raise GeometryError(
                 f"Outlet: the plug ({self.plug_width * 1e3:.4g} mm) is not wider than the opening "
@@ -816,7 +816,7 @@ class Outlet(ContactWorld, TargetWorld):
 
 
 @dataclass(frozen=True)
-class PublishedOutlet(TargetWorld):
+class PublishedOutlet(ObjectWorld):
     """Bai 2012, eqs. (14)–(18) with errata corrected: the world of Fig. 8 (socket as in Table 3).
 
     Pulling: F_X' = −E w μ (w_p sec ε − w_s)/(Ω₊ + μΩ₋), F_Y' and T_Z' = F_Y' (h − p_x) as in (17), (18) with the
@@ -842,7 +842,7 @@ class PublishedOutlet(TargetWorld):
     _omega: tuple[float, float, float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        TargetWorld.__post_init__(self)
+        ObjectWorld.__post_init__(self)
         if self.surface_height not in ("corrected", "printed"):
             raise InputError(f"surface_height must be 'corrected' or 'printed'; got {self.surface_height!r}")
         if self.beam == "paper":

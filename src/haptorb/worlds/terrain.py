@@ -21,8 +21,8 @@ from haptorb.worlds.base import World, parameter
 
 __all__ = ["Terrain", "hills"]
 
-_BYTES = 64 * 1024 * 1024  #: maximum size of an image file
-_PIXELS = 4096  #: maximum side length of an image
+_MAX_IMAGE_BYTES = 64 * 1024 * 1024  #: maximum size of an image file
+_MAX_IMAGE_PIXELS = 4096  #: maximum side length of an image
 
 
 @kernel
@@ -111,9 +111,9 @@ class Terrain(World):
     def __post_init__(self) -> None:
         World.__post_init__(self)
         heights = _check_heights(self.heights)
-        if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or not 4 <= len(heights) <= _PIXELS:
+        if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or not 4 <= len(heights) <= _MAX_IMAGE_PIXELS:
             raise InputError(
-                f"Terrain.heights must be square, shape (n, n) with n of at least 4, at most {_PIXELS}; got "
+                f"Terrain.heights must be square, shape (n, n) with n of at least 4, at most {_MAX_IMAGE_PIXELS}; got "
                 f"{heights.shape}"
             )
         if np.abs(heights).max() > 1 + 1e-9:
@@ -147,11 +147,13 @@ class Terrain(World):
         from PIL import Image, UnidentifiedImageError
 
         try:
-            content = read_bytes(path, _BYTES, "height map", InputError)
+            content = read_bytes(path, _MAX_IMAGE_BYTES, "height map", InputError)
             # Other formats of PIL start system programs, such as the one for PostScript.
             with Image.open(BytesIO(content), formats=("PNG", "TIFF", "JPEG", "BMP", "GIF", "PPM")) as picture:
-                if max(picture.size) > _PIXELS:
-                    raise InputError(f"height map '{path}' has more than {_PIXELS} pixels a side; make it smaller")
+                if max(picture.size) > _MAX_IMAGE_PIXELS:
+                    raise InputError(
+                        f"height map '{path}' has more than {_MAX_IMAGE_PIXELS} pixels a side; make it smaller"
+                    )
                 deep = picture.mode.startswith("I")  # 16-bit greyscale
                 if picture.mode in ("LA", "PA", "RGBA") and np.asarray(picture.getchannel("A")).min() < 255:
                     raise InputError(f"height map '{path}' has transparent pixels: holes; fill them first")

@@ -43,12 +43,12 @@ class Trace:
         self.design = design
         self._parts: list[Array] = []
 
-    def append(self, target: State, wrench: Array) -> None:
+    def append(self, body: State, wrench: Array) -> None:
         """Append a tick: state of the object and wrench on it (6,); the quantities at the handle are unknown."""
         from scipy.spatial.transform import Rotation
 
-        turn = Rotation.from_matrix(target.R_SR).as_quat()
-        row = [target.t, *target.p.tolist(), *turn.tolist(), *np.asarray(wrench, dtype=float).tolist()]
+        turn = Rotation.from_matrix(body.R_SR).as_quat()
+        row = [body.t, *body.p.tolist(), *turn.tolist(), *np.asarray(wrench, dtype=float).tolist()]
         self._parts.append(np.array([row + [np.nan] * len(HAND)]))
 
     def extend(self, rows: Array) -> None:

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from haptorb.analysis.coupling import ENOUGH, CouplingSetting, measure_margin
+from haptorb.analysis.coupling import MIN_STABILITY_MARGIN, CouplingSetting, measure_margin
 from haptorb.analysis.stability import GRIPS
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
@@ -30,7 +30,7 @@ def couple(name: str, device: str, rate: float = 1000.0, **setting: float) -> tu
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_scene_is_inside_of_what_the_loop_renders(name: str) -> None:
     scene, margin = couple(name, "omni" if name == "boxes" else "pmsm")
-    assert margin >= 0.99 * ENOUGH
+    assert margin >= 0.99 * MIN_STABILITY_MARGIN
     assert scene.stiffness >= (500.0 if name == "boxes" else 1000.0)
 
 
@@ -38,7 +38,7 @@ def test_a_late_tracker_gets_a_softer_coupling_at_the_same_margin() -> None:
     quick, _ = couple("boxes", "omni")
     late, margin = couple("boxes", "omni", latency=0.020)
     assert late.stiffness < 0.5 * quick.stiffness
-    assert margin == pytest.approx(ENOUGH, rel=0.03)
+    assert margin == pytest.approx(MIN_STABILITY_MARGIN, rel=0.03)
     assumed, _ = couple("boxes", "omni", fed=True)
     assert late.stiffness < assumed.stiffness <= quick.stiffness
 

@@ -47,8 +47,8 @@ class WiringError(Driver):
     def write(self, duties):
         return self.duties(self.inner.write(self.duties(duties)))
 
-    def truth(self):
-        return self.inner.truth()
+    def wrench_actual(self):
+        return self.inner.wrench_actual()
 
 
 def calibrate_simulation(device=OMNI, truth=None, **changes):

@@ -58,8 +58,8 @@ class Bench(Driver):
         self.written += bool(np.any(duties))
         return self.inner.write(duties)
 
-    def truth(self) -> Any:
-        return self.inner.truth()
+    def wrench_actual(self) -> Any:
+        return self.inner.wrench_actual()
 
     @property
     def calibration(self) -> bytes:
@@ -206,7 +206,7 @@ def test_restart_forgets(tmp_path: Path) -> None:
 def test_a_state_that_is_not_ours_is_not_taken_up(tmp_path: Path) -> None:
     out = tmp_path / "omni.json"
     kept = ProgressFile(out, OMNI, "serial:/dev/a", lambda: 1000.0)
-    kept.keep("rest", {"temperatures_k": [298.0] * 3})
+    kept.store("rest", {"temperatures_k": [298.0] * 3})
     assert ProgressFile(out, OMNI, "serial:/dev/a", lambda: 2000.0).results
     for other, driver, now, why in (
         (OMNI, "serial:/dev/b", 2000.0, "serial:/dev/a"),

@@ -56,8 +56,8 @@ class Hesitant(Driver):
         self.off = False
         self.engaged += 1
 
-    def truth(self) -> Any:
-        return self.inner.truth()
+    def wrench_actual(self) -> Any:
+        return self.inner.wrench_actual()
 
 
 def identify_with(driver: Hesitant) -> Any:

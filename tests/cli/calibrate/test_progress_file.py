@@ -36,7 +36,7 @@ MAGNETIC = {
 def test_results_of_another_number_of_coils_or_sensors_are_ignored(
     tmp_path: Path, name: str, result: dict[str, Any], resumes: bool
 ) -> None:
-    ProgressFile(tmp_path / "a", OMNI, "sim", lambda: 1000.0).keep(name, result)
+    ProgressFile(tmp_path / "a", OMNI, "sim", lambda: 1000.0).store(name, result)
     again = ProgressFile(tmp_path / "a", OMNI, "sim", lambda: 1001.0)
     assert bool(again.results) is resumes
     assert bool(again.left) is not resumes

@@ -44,8 +44,8 @@ class PlaybackFeed(Feed):
         self._stroke = stroke
         return True
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        if patience > 0.0 and self._stroke is not None:  # the step has begun
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
+        if timeout > 0.0 and self._stroke is not None:  # the step has begun
             person, name = self._rehearsal._person, self._stroke.name
             poses = person.dome(300) if name == "dome" else (
                 person.roll(80) if name == "roll" else person.mark(name.partition(" ")[2], 80))  # fmt: skip
@@ -64,7 +64,7 @@ def test_a_rehearsal_runs_through_sockets_and_its_file_is_taken_by_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptorb.cli.frame_dialog.PACE", 0.04)
+    monkeypatch.setattr("haptorb.cli.frame_dialog.TIME_SCALE", 0.04)
     port = free_port()
     with suppress(SystemExit):
         assert main(["frame", "omni", "--rehearse", "--tracker", f"osc:{port}", "--json"]) == 0

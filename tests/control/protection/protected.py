@@ -63,7 +63,7 @@ class Loop:
     @property
     def held(self):
         """(m,) the currents that may flow [A]."""
-        return self.protection.coils["held"].copy()
+        return self.protection.coils["current_commanded"].copy()
 
     def run(self, ticks=400):
         """Engage and ramp up."""

@@ -105,7 +105,7 @@ def test_the_guard_keeps_every_true_winding_below_the_stop(seed):
         protection.protect_wrench(PUSH, FRESH, now)
         if tick == 0:
             protection.engage()
-        held = protection.coils["held"].copy()
+        held = protection.coils["current_commanded"].copy()
         truth.go(held)
         state = protection.coils
         volts = held * state["cold"] * (1 + state["coefficient"] * (state["winding"] - state["reference"]))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptorb.control.guard import CREDIT
+from haptorb.control.guard import ENERGY_CREDIT_J
 from haptorb.control.passivity import OWN_DAMPING
 from haptorb.devices.base import State, WrenchMap
 from haptorb.estimation.types import Estimate
@@ -139,23 +139,23 @@ def test_poses_that_move_though_their_stamp_stands_are_of_now():
         age = (n % 16) * DT + 0.01
         control.damp(np.array([-150.0 * x, 0, 0, 0, 0, 0]), np.array([x, 0, 0.06]), UPRIGHT, n * DT, age)
         assert control.damping == 0.0
-    assert control.balance == CREDIT
+    assert control.balance == ENERGY_CREDIT_J
 
 
 def test_another_world_begins_anew():
     control, _, _ = spring(5000.0, late=5)
-    assert control.balance < CREDIT
+    assert control.balance < ENERGY_CREDIT_J
     control.loop.protection.change_world(passive=True)
-    assert control.numbers == [0.0, CREDIT, 0.0]
+    assert control.numbers == [0.0, ENERGY_CREDIT_J, 0.0]
     control.damp(np.full(6, 1e3), np.array([0.0, 0.0, 0.05]), UPRIGHT, 100.0, 0.0)
-    assert control.numbers == [0.0, CREDIT, 0.0]  # a first pose has moved nowhere
+    assert control.numbers == [0.0, ENERGY_CREDIT_J, 0.0]  # a first pose has moved nowhere
 
 
 def test_what_the_hand_loses_in_free_flight_is_no_credit():
     """After a spring that made energy the tool flies freely: the balance stays where it was."""
     control, _, _ = spring(2000.0, late=5, seconds=0.5, passive=False)
     before, x = control.balance, 1e-3 * np.sin(2 * np.pi * 5 * np.arange(500) * DT)
-    assert -9e-3 < before < 0.5 * CREDIT
+    assert -9e-3 < before < 0.5 * ENERGY_CREDIT_J
     for n in range(500):
         control.damp(np.zeros(6), np.array([x[n], 0, 0.06]), UPRIGHT, 0.5 + n * DT, 0.0, passive=False)
         if n == 10:  # forces that were asked in the wall no longer act
@@ -183,6 +183,6 @@ def test_whatever_comes_it_stays_finite_and_adds_only_bounded_braking(course):
         out = control.damp(wrench, np.array([place, 0, 0.05]), UPRIGHT, n * DT, age)
         assert np.isfinite(control.numbers).all()
         assert 0.0 <= control.damping <= 10.0
-        assert -1e-2 <= control.balance <= CREDIT
+        assert -1e-2 <= control.balance <= ENERGY_CREDIT_J
         if np.isfinite(wrench).all():
             assert np.isfinite(out).all()

@@ -18,7 +18,7 @@ def take_sample(history, t, currents_age, field_age, *, field=True, at=None):
     """One sample of currents that rise steadily, its field full of its own time."""
     when = t - currents_age if at is None else at
     read = np.full((2, 3), t - field_age if field else np.nan)
-    history.take(Sample(t, START + SLOPE * when, np.full(3, 298.0), read, NOBODY, currents_age, field_age))
+    history.append(Sample(t, START + SLOPE * when, np.full(3, 298.0), read, NOBODY, currents_age, field_age))
 
 
 @given(
@@ -77,7 +77,7 @@ def test_a_field_that_waited_on_the_board_has_the_currents_of_its_own_time():
     history, bent = CurrentHistory(3, 2), np.array([3.0, 0.0, -1.0])
     for tick in range(12):
         t = 1.5e-3 * tick
-        history.take(
+        history.append(
             Sample(t, bent * (t - 1e-3) ** 2, np.full(3, 298.0), np.full((2, 3), t), NOBODY, 1e-3, 1e-3 + 7e-3)
         )
         if tick > 6:

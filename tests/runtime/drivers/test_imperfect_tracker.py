@@ -61,6 +61,6 @@ def test_only_the_pose_differs_from_that_of_the_driver_behind_it() -> None:
             assert (other.field == one.field).all()
             assert (plain.write(np.ones(3)) == changed.write(np.ones(3))).all()
             assert changed.coil_state == plain.coil_state
-        assert (changed.truth() == plain.truth()).all()
-        assert (changed.target() == plain.target()).all()
+        assert (changed.wrench_actual() == plain.wrench_actual()).all()
+        assert (changed.hand_goal() == plain.hand_goal()).all()
         assert shift.count == 40

@@ -1,6 +1,5 @@
 """Simulated driver: whole periods, expiring pointer goals, and coils off at every exit."""
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from haptorb.devices.base import DeviceKind
 from haptorb.devices.loader import load
 from haptorb.errors import DeviceError, DriverError, InputError
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.simulation.base import Simulation
 from oracles.repetitions import repetitions
@@ -19,17 +19,8 @@ OMNI = load("omni")
 PERIOD = 1e-3
 
 
-@dataclass
-class Wish:
-    p: np.ndarray
-    q: np.ndarray
-    stamp: float
-    held: bool
-    still: bool = False
-
-
-def wish(p=(0.0, 0.0, 0.055), stamp=0.0, held=False):
-    return Wish(np.array(p), np.array([0.0, 0.0, 0.0, 1.0]), stamp, held)
+def hand_goal(p=(0.0, 0.0, 0.055), stamp=0.0, held=False):
+    return HandGoal(np.array(p), np.array([0.0, 0.0, 0.0, 1.0]), stamp, held)
 
 
 class Counting(Simulation):
@@ -46,8 +37,8 @@ class Counting(Simulation):
     def sample(self, t, pose_stamp, pose_valid):
         return self.inner.sample(t, pose_stamp, pose_valid)
 
-    def truth(self):
-        return self.inner.truth()
+    def wrench_actual(self):
+        return self.inner.wrench_actual()
 
     def state(self):
         return self.inner.state()
@@ -142,18 +133,18 @@ def test_opening_begins_at_the_start_with_the_seed():
 
 def test_the_hand_begins_where_it_wants_to_be_and_goes_where_it_is_told():
     places = {0.0: (0.03, 0.0, 0.05)}
-    driver = SimDriver.of(OMNI, PERIOD, lambda now: wish(places.get(now, (0.0, 0.02, 0.055))))
+    driver = SimDriver.of(OMNI, PERIOD, lambda now: hand_goal(places.get(now, (0.0, 0.02, 0.055))))
     with driver:
         assert driver.read(0.0).pose.p == pytest.approx([0.03, 0.0, 0.05])
         for n in range(1, 1001):
             sample = driver.read(n * PERIOD)
-        assert driver.target()[:3] == pytest.approx([0.0, 0.02, 0.055])
+        assert driver.hand_goal()[:3] == pytest.approx([0.0, 0.02, 0.055])
     assert np.linalg.norm(sample.pose.p - [0.0, 0.02, 0.055]) < 2e-3  # but for the core's pull
 
 
 @pytest.mark.parametrize("nowhere", [(0.0, 0.0, 0.0), (np.nan, 0.0, 0.05), (np.inf, 0.0, 0.05)])
 def test_a_goal_that_is_no_place_leaves_the_hand_where_numbers_are(nowhere):
-    with SimDriver.of(OMNI, PERIOD, lambda now: wish(nowhere)) as driver:
+    with SimDriver.of(OMNI, PERIOD, lambda now: hand_goal(nowhere)) as driver:
         for n in range(100):
             sample = driver.read(n * PERIOD)
     assert np.isfinite(sample.pose.p).all()
@@ -165,8 +156,8 @@ def test_without_a_goal_the_hand_stays():
         start = driver.read(0.0).pose.p
         for n in range(1, 300):
             sample = driver.read(n * PERIOD)
-        assert driver.target()[:3] == pytest.approx(start)
-        assert driver.target()[3:] == pytest.approx([0, 0, 0, 1])
+        assert driver.hand_goal()[:3] == pytest.approx(start)
+        assert driver.hand_goal()[3:] == pytest.approx([0, 0, 0, 1])
     assert np.linalg.norm(sample.pose.p - start) < 1e-3
 
 
@@ -181,7 +172,7 @@ def test_without_a_goal_the_hand_stays():
     ],
 )
 def test_a_held_pose_is_as_old_as_its_pointer(stamp, held, age, valid):
-    with SimDriver.of(OMNI, PERIOD, lambda now: wish(stamp=stamp, held=held)) as driver:
+    with SimDriver.of(OMNI, PERIOD, lambda now: hand_goal(stamp=stamp, held=held)) as driver:
         sample = driver.read(1.0)
     assert sample.t - sample.pose.t == pytest.approx(age)
     assert sample.pose.valid is valid
@@ -190,11 +181,13 @@ def test_a_held_pose_is_as_old_as_its_pointer(stamp, held, age, valid):
 def test_truth_is_the_last_ticks_mean_and_the_same_times_give_the_same_bits():
     def course():
         rows = []
-        with SimDriver.of(OMNI, PERIOD, lambda now: wish((0.01, 0.0, 0.052)), seed=3) as driver:
+        with SimDriver.of(OMNI, PERIOD, lambda now: hand_goal((0.01, 0.0, 0.052)), seed=3) as driver:
             for n in range(200):
                 sample = driver.read(n * PERIOD)
                 driver.write(np.array([0.2, 0.1, -0.3]) * np.sin(0.1 * n))
-                rows.append(np.concatenate([sample.currents, sample.field.ravel(), sample.pose.p, driver.truth()]))
+                rows.append(
+                    np.concatenate([sample.currents, sample.field.ravel(), sample.pose.p, driver.wrench_actual()])
+                )
         return np.array(rows)
 
     rows = course()
@@ -239,12 +232,12 @@ def _drive(prepares):
     Each is read twice: the sensors' noise is another one then.
     """
     told = b""
-    with SimDriver.of(OMNI, PERIOD, lambda now: wish((0.01 * now, 0.0, 0.052)), seed=5) as driver:
+    with SimDriver.of(OMNI, PERIOD, lambda now: hand_goal((0.01 * now, 0.0, 0.052)), seed=5) as driver:
         for n, instants in enumerate(prepares):
             for instant in instants:
                 driver.prepare(instant * PERIOD)
             for sample in (driver.read(n * PERIOD), driver.read(n * PERIOD)):
-                told += driver.truth().tobytes() + sample.currents.tobytes() + sample.pose.p.tobytes()
+                told += driver.wrench_actual().tobytes() + sample.currents.tobytes() + sample.pose.p.tobytes()
             driver.write(np.full(3, 0.1 * n))
     return told
 

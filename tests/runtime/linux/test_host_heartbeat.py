@@ -11,7 +11,15 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from haptorb.runtime.liveness import LATE, SILENCE, STARVATION, STOPPED, HostHeartbeat, ProcessorWait, state_of
+from haptorb.runtime.liveness import (
+    HEARTBEAT_TIMEOUT_S,
+    LATE_HEARTBEAT_S,
+    STARVED_TIMEOUT_S,
+    STOPPED_TIMEOUT_S,
+    HostHeartbeat,
+    ProcessorWait,
+    state_of,
+)
 
 MS = 1_000_000
 
@@ -21,7 +29,7 @@ def listen(state: Callable[[int], str], starved: Callable[[int], bool] = lambda 
     `starved` whether it has waited for a processor then."""
     now = [0]
     life = HostHeartbeat(lambda: state(now[0]), lambda at: starved(at // MS))
-    for now[0] in range(int(LATE * 1e3), 5000):
+    for now[0] in range(int(LATE_HEARTBEAT_S * 1e3), 5000):
         if why := life.explain_silence(now[0] * MS, now[0] * MS):
             return now[0], why
     raise AssertionError("never")
@@ -30,14 +38,14 @@ def listen(state: Callable[[int], str], starved: Callable[[int], bool] = lambda 
 @pytest.mark.parametrize("state", ["T", "t"])
 def test_a_host_that_was_stopped_is_dead_soon(state: str) -> None:
     after, why = listen(lambda at: state)
-    assert after == pytest.approx(1e3 * STOPPED, abs=5)
+    assert after == pytest.approx(1e3 * STOPPED_TIMEOUT_S, abs=5)
     assert "stopped" in why
 
 
 @pytest.mark.parametrize("state", ["R", "S", "D", "X", ""])
 def test_a_host_that_is_busy_or_waits_has_more_time(state: str) -> None:
     after, why = listen(lambda at: state)
-    assert after == pytest.approx(1e3 * SILENCE, abs=2)
+    assert after == pytest.approx(1e3 * HEARTBEAT_TIMEOUT_S, abs=2)
     assert "did not respond" in why
 
 
@@ -48,14 +56,14 @@ def test_a_host_that_is_stopped_while_it_is_late_is_dead_at_once() -> None:
 
 def test_a_host_that_waits_for_its_turn_has_two_seconds() -> None:
     after, why = listen(lambda at: "R", lambda at: True)
-    assert after == pytest.approx(1e3 * STARVATION, abs=2)
+    assert after == pytest.approx(1e3 * STARVED_TIMEOUT_S, abs=2)
     assert "busy" in why
 
 
 def test_what_a_host_has_waited_for_its_turn_is_added_to_its_time() -> None:
     after, _ = listen(lambda at: "R", lambda at: 200 <= at < 500)
-    assert after == pytest.approx(1e3 * SILENCE + 300, abs=25)
-    assert listen(lambda at: "T", lambda at: True)[0] == pytest.approx(1e3 * STOPPED, abs=5)
+    assert after == pytest.approx(1e3 * HEARTBEAT_TIMEOUT_S + 300, abs=25)
+    assert listen(lambda at: "T", lambda at: True)[0] == pytest.approx(1e3 * STOPPED_TIMEOUT_S, abs=5)
 
 
 def test_every_silence_is_counted_anew() -> None:
@@ -63,7 +71,7 @@ def test_every_silence_is_counted_anew() -> None:
     beats = [0, 700]
     dead = [at for at in range(2000) for beat in [max(one for one in beats if one <= at)]
             if at - beat > 80 and life.explain_silence(at * MS, (at - beat) * MS)]  # fmt: skip
-    assert dead[0] == pytest.approx(700 + 1e3 * SILENCE, abs=45)
+    assert dead[0] == pytest.approx(700 + 1e3 * HEARTBEAT_TIMEOUT_S, abs=45)
 
 
 def test_the_kernel_knows_who_waits_for_a_processor(idler: subprocess.Popen[bytes]) -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.shared_memory import PointerSource, PointerState
+from haptorb.runtime.shared_memory import HandGoalSource, HostHandGoal
 from haptorb.simulation.hand_motion import HandleMotion, handle_quaternion
 
 
@@ -34,11 +34,11 @@ def test_it_is_a_hands_motion_within_the_workspace():
     assert (q[t >= HandleMotion.duration] == q[-1]).all()
 
 
-class Hand(PointerSource):
+class Hand(HandGoalSource):
     def __init__(self):
-        self.now = PointerState(False, np.zeros(3), np.array([0.0, 0, 0, 1.0]), 0.0)
+        self.now = HostHandGoal(False, np.zeros(3), np.array([0.0, 0, 0, 1.0]), 0.0)
 
-    def read_pointer(self):
+    def read_hand_goal(self):
         return self.now
 
 
@@ -47,9 +47,9 @@ def test_held_then_back_the_short_way():
     tracker = PointerTracker(hand, guide=HandleMotion())
     assert (tracker.goal(0.5).q == HandleMotion().at(0.5)[1]).all()
     q = -handle_quaternion(0.2, -0.1, 0.3)  # the same turn, the other sign
-    hand.now = PointerState(True, np.zeros(3), q, 0.0)
+    hand.now = HostHandGoal(True, np.zeros(3), q, 0.0)
     assert tracker.goal(1.0).held
-    hand.now = PointerState(False, np.zeros(3), q, 0.0)
+    hand.now = HostHandGoal(False, np.zeros(3), q, 0.0)
     back = [tracker.goal(1.0 + s) for s in np.linspace(0, 2, 100)]
     assert not back[0].held
     assert abs(back[0].q @ q) == pytest.approx(1.0)

@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 from haptorb.arrays import Array
 from haptorb.devices.base import rotation_to_axis
 from haptorb.runtime.pointer import PointerTracker
-from haptorb.runtime.shared_memory import BINS, Histogram, PointerSource, PointerState
-from haptorb.simulation.hand_motion import DURATION, position_on_path, upright_quaternion
+from haptorb.runtime.shared_memory import BINS, HandGoalSource, Histogram, HostHandGoal
+from haptorb.simulation.hand_motion import DURATION_S, position_on_path, upright_quaternion
 
 Z = np.array([0.0, 0.0, 1.0])
 
 
-class Hand(PointerSource):
+class Hand(HandGoalSource):
     """A pointer that the test moves."""
 
     def __init__(self) -> None:
-        self.now = PointerState(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
+        self.now = HostHandGoal(False, np.zeros(3), np.array([0.0, 0, 0, 1]), 0.0)
 
-    def read_pointer(self) -> PointerState:
+    def read_hand_goal(self) -> HostHandGoal:
         return self.now
 
 
@@ -59,9 +59,9 @@ def test_the_guided_motion_shows_what_it_should() -> None:
     bearing = np.unwrap(np.arctan2(path[:, 1], path[:, 0])[(t > 5) & (t < 10.5)])
     assert abs(bearing[-1] - bearing[0]) == pytest.approx(2 * np.pi, abs=0.01)  # around it
     assert tilt[(t >= 12) & (t <= 16)] == pytest.approx(10)
-    assert tilt[t >= DURATION] == pytest.approx(58)  # and rests at the edge, beyond the dome's force
-    assert d[t >= DURATION] == pytest.approx(0.0505)
-    assert np.ptp(path[t >= DURATION], axis=0) == pytest.approx(0)
+    assert tilt[t >= DURATION_S] == pytest.approx(58)  # and rests at the edge, beyond the dome's force
+    assert d[t >= DURATION_S] == pytest.approx(0.0505)
+    assert np.ptp(path[t >= DURATION_S], axis=0) == pytest.approx(0)
 
 
 def test_the_guided_motion_is_a_hands() -> None:
@@ -98,7 +98,7 @@ def test_guided_until_held_then_back_to_rest() -> None:
     assert goal.stamp == 3.0
     assert (goal.p == position_on_path(3.0)).all()
 
-    hand.now = PointerState(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 104.0)
+    hand.now = HostHandGoal(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 104.0)
     held = tracker.goal(4.2)
     assert held.held
     assert held.stamp == 4.0  # as old as the pointer, on the loop's clock
@@ -113,13 +113,13 @@ def test_guided_until_held_then_back_to_rest() -> None:
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 3e-4  # no jump
     assert np.linalg.norm(path[0] - held.p) < 1e-4
     assert np.linalg.norm(path, axis=1).min() > 0.0479  # around the device, not through it
-    assert path[-1] == pytest.approx(position_on_path(DURATION))
+    assert path[-1] == pytest.approx(position_on_path(DURATION_S))
 
 
 def test_a_simulated_hand_is_as_patient_as_its_word() -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
-    hand.now = PointerState(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, patience=0.3)
+    hand.now = HostHandGoal(True, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0, 0, 1]), 4.0, keep_alive=0.3)
     assert [tracker.goal(t).stamp for t in (4.0, 4.2, 4.3, 9.0)] == [4.0, 4.2, 4.3, 4.3]
     assert tracker.goal(3.9).stamp == 4.0, "said after the tick began"
 
@@ -128,15 +128,15 @@ def test_a_simulated_hand_is_as_patient_as_its_word() -> None:
 def test_released_anywhere(p: Array) -> None:
     hand = Hand()
     tracker = PointerTracker(hand)
-    for place in (p, -position_on_path(DURATION), np.zeros(3)):
-        hand.now = PointerState(True, place, upright_quaternion(place), 0.0)
+    for place in (p, -position_on_path(DURATION_S), np.zeros(3)):
+        hand.now = HostHandGoal(True, place, upright_quaternion(place), 0.0)
         tracker.goal(0.0)
         hand.now = hand.now._replace(held=False)
         for t in np.linspace(0.0, 2.0, 50):
             goal = tracker.goal(t)
             assert np.isfinite(goal.p).all()
             assert np.linalg.norm(goal.q) == pytest.approx(1)
-        assert goal.p == pytest.approx(position_on_path(DURATION))
+        assert goal.p == pytest.approx(position_on_path(DURATION_S))
 
 
 def test_the_same_twice() -> None:

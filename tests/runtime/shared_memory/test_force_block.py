@@ -6,7 +6,7 @@ import pytest
 
 from haptorb.runtime.shared_memory import BLOCKS, ClientForces, ForceBlock
 from haptorb.runtime.shared_memory import FORCE_BLOCK_WORDS as WORDS
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 from haptorb.worlds.dynamic import make_client_force
 
 
@@ -53,11 +53,11 @@ def test_the_first_of_two_servers_holds_the_device_until_its_force_has_faded(pag
     assert read(page, 10.0, forces)["session"] == 1
     second.command((2.0, 0.0, 0.0), 2, 10.05)
     assert read(page, 10.06, forces)["session"] == 1
-    assert read(page, 10.0 + HOLD + FADE + 1e-6, forces)["session"] == 2
+    assert read(page, 10.0 + HOLD_TIME_S + FADE_TIME_S + 1e-6, forces)["session"] == 2
     second.lose(10.08)
     first.command((3.0, 0.0, 0.0), 1, 10.085)
     assert read(page, 10.09, forces)["session"] == 2
-    assert read(page, 10.08 + FADE + 1e-6, forces)["session"] == 1
+    assert read(page, 10.08 + FADE_TIME_S + 1e-6, forces)["session"] == 1
 
 
 def test_a_writer_that_died_in_the_middle_leaves_its_last_whole_command_which_grows_old(page):

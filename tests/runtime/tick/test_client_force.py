@@ -181,7 +181,7 @@ def test_a_gripper_is_off_at_once_with_the_coils():
     assert rig.tick.engage()
     grip(rig, 700, 5.0)
     rig.tick.driver.close()
-    assert rig.tick.driver.squeeze(5.0) == 0.0
+    assert rig.tick.driver.write_grip_force(5.0) == 0.0
 
 
 def test_another_clients_gripper_force_passes_zero():
@@ -195,13 +195,13 @@ def test_another_clients_gripper_force_passes_zero():
 def test_a_gripper_is_off_in_a_tick_in_which_the_device_is_silent(monkeypatch):
     rig = Rig("arm-sigma", Remote())
     grip(rig, 700, 5.0)
-    squeezed, squeeze, read = [], rig.tick.driver.squeeze, rig.tick.driver.read
+    squeezed, squeeze, read = [], rig.tick.driver.write_grip_force, rig.tick.driver.read
 
     def fail(now):
         read(now)
         raise DriverError("no answer")
 
-    monkeypatch.setattr(rig.tick.driver, "squeeze", lambda force: squeezed.append(force) or squeeze(force))
+    monkeypatch.setattr(rig.tick.driver, "write_grip_force", lambda force: squeezed.append(force) or squeeze(force))
     monkeypatch.setattr(rig.tick.driver, "read", fail)
     grip(rig, 1, 5.0)
     assert squeezed == [0.0]

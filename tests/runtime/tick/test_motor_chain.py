@@ -12,13 +12,13 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.estimation.registry import check_estimator, list_estimators, make_estimator
+from haptorb.estimation.types import HandGoal
 from haptorb.runtime.assembly import assemble
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.pointer import PointerTracker
 from haptorb.runtime.servo import Servo
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.hand_motion import handle_quaternion
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds import Nothing, Outlet, SnapFit
@@ -35,7 +35,7 @@ class Rig:
         self, angles=lambda t: (0.0, 0.0, 0.0), world=None, estimator="least-squares", seed=1, device=NOMINAL, **motor
     ):
         self.motor = SimulatedMotor(device, seed, **motor)
-        hand = lambda now: Goal(np.zeros(3), handle_quaternion(*angles(now)), now, False)  # noqa: E731
+        hand = lambda now: HandGoal(np.zeros(3), handle_quaternion(*angles(now)), now, False)  # noqa: E731
         self.driver = SimDriver(self.motor, DT, hand, seed=seed)
         self.tick = Tick(
             PMSM, world or Outlet(), self.driver, make_estimator(PMSM, estimator, None), make_allocator(PMSM), DT,

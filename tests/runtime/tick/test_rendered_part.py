@@ -12,11 +12,10 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
-from haptorb.estimation.types import TrackedPose
+from haptorb.estimation.types import HandGoal, TrackedPose
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds.base import World
 from haptorb.worlds.user_world import FunctionWorld
 
@@ -27,7 +26,7 @@ FORCE, TORQUE, BOTH = 0.0, 1.0, 2.0
 
 def hold(now):
     """A hand that holds the tool upright on the summit."""
-    return Goal(np.array([0.0, 0.0, 0.0495]), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
+    return HandGoal(np.array([0.0, 0.0, 0.0495]), np.array([0.0, 0.0, 0.0, 1.0]), now, False)
 
 
 class Rig:

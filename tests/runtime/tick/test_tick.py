@@ -12,12 +12,11 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError
-from haptorb.estimation.types import TrackedPose
+from haptorb.estimation.types import HandGoal, TrackedPose
 from haptorb.runtime.drivers.base import Driver
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.linux import TickTimeout
 from haptorb.runtime.tick import Tick, render_world
-from haptorb.runtime.trackers.base import Goal
 from haptorb.worlds.base import World
 from haptorb.worlds.user_world import FunctionWorld
 
@@ -30,7 +29,7 @@ def hand(position):
     state = State.at(position)
     axis = state.axis
     q = np.array([-axis[1], axis[0], 0.0, 1 + axis[2]])
-    return lambda now: Goal(np.asarray(position, float), q / np.linalg.norm(q), now, False)
+    return lambda now: HandGoal(np.asarray(position, float), q / np.linalg.norm(q), now, False)
 
 
 class Faulty(Driver):
@@ -67,11 +66,11 @@ class Faulty(Driver):
         self.written = self.inner.write(duties)
         return self.written
 
-    def truth(self):
-        return self.inner.truth()
+    def wrench_actual(self):
+        return self.inner.wrench_actual()
 
-    def target(self):
-        return self.inner.target()
+    def hand_goal(self):
+        return self.inner.hand_goal()
 
 
 class Rig:

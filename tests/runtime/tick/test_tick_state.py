@@ -69,7 +69,7 @@ DEEDS: dict[int, Callable[[Tick], object]] = {
     100: lambda tick: tick.engage(),
     103: lambda tick: tick.replace_world(tick.world),
     129: _join("translate", 0.8, False),
-    130: lambda tick: tick.excuse_lateness(),
+    130: lambda tick: tick.exclude_next_lateness(),
     150: lambda tick: tick.stop(),
     160: lambda tick: tick.engage(),
 }
@@ -100,11 +100,11 @@ class InTurns(Driver):
     def write(self, duties: Array) -> Array:
         return self._driver.write(duties)
 
-    def truth(self) -> Array:
-        return self._driver.truth()
+    def wrench_actual(self) -> Array:
+        return self._driver.wrench_actual()
 
-    def target(self) -> Array:
-        return self._driver.target()
+    def hand_goal(self) -> Array:
+        return self._driver.hand_goal()
 
 
 def go_on(

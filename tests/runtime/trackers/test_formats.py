@@ -303,7 +303,7 @@ class Sent(Feed):
     def __init__(self, p: tuple[float, ...], q: tuple[float, ...], seconds: float) -> None:
         self._poses = [RawPose(p, q, 100.0 + 0.01 * n, 100.0 + 0.01 * n) for n in range(int(100 * seconds))]
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         yield from self._poses
 
     def close(self) -> None:

@@ -48,7 +48,7 @@ class ScriptFeed(Feed):
         self.next: list[RawPose | RejectedPose] = []
         self.closed = False
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         while self.next:
             yield self.next.pop(0)
 

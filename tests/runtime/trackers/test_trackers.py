@@ -69,8 +69,8 @@ def sending(port: int, every: float = 0.005, make: Any = lambda: pose()) -> Iter
     thread.join()
 
 
-def until(servo: Servo, condition: Any, patience: float = 20.0) -> None:
-    end = time.monotonic() + patience
+def until(servo: Servo, condition: Any, timeout: float = 20.0) -> None:
+    end = time.monotonic() + timeout
     while not condition():
         servo.check()
         assert time.monotonic() < end, "it did not come to pass"
@@ -260,7 +260,7 @@ class ScriptFeed(Feed):
     def __init__(self) -> None:
         self.next: list[RawPose | RejectedPose] = []
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         while self.next:
             yield self.next.pop(0)
 

@@ -12,7 +12,7 @@ from foxglove.messages import Timestamp
 
 from haptorb.devices.loader import load
 from haptorb.recording.row import RowLayout
-from haptorb.serve.foxglove import ARROW, RowMessages, make_shape, make_tube, turn_to
+from haptorb.serve.foxglove import ARROW_LENGTH_M, RowMessages, make_shape, make_tube, turn_to
 from oracles.protobuf import Schema
 
 STAMP = 1_700_000_000_123_456_789
@@ -92,7 +92,7 @@ def test_the_arrow_points_along_the_force() -> None:
     turn = arrow["pose"]["orientation"]
     # The arrow lies along x; a quarter turn about z brings it to y.
     assert (turn["z"], turn["w"]) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
-    assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(2.0 * ARROW)
+    assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(2.0 * ARROW_LENGTH_M)
 
 
 @pytest.mark.parametrize("name", ["omni", "pmsm", "arm", "arm-touch"])

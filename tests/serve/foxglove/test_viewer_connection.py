@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from haptorb.serve.foxglove import PAGES, ROOM, ViewerConnection
+from haptorb.serve.foxglove import MAX_QUEUED_MESSAGES, PAGES, ViewerConnection
 from haptorb.web.access import Access
 
 
@@ -39,7 +39,7 @@ def test_messages_of_a_subscription_come_in_order_with_its_number() -> None:
 def test_a_slow_viewer_loses_the_oldest_and_it_is_counted() -> None:
     viewer = ViewerConnection("test", 1, topics=1)
     viewer.handle_message(subscribe(1, 1))
-    for i in range(ROOM + 30):
+    for i in range(MAX_QUEUED_MESSAGES + 30):
         viewer.enqueue(1, str(i).encode(), i)
     assert viewer.dropped == 30
     assert take_all(viewer, 1)[0].endswith(b"30")

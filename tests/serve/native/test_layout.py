@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptorb.serve.native import COMMAND, FACTS, SIZE, SLOT_SIZE, SLOTS, STATE, VERSION
+from haptorb.serve.native import COMMAND, FACTS, FILE_BYTES, SLOT_SIZE, SLOTS, STATE, VERSION
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -39,7 +39,7 @@ def test_both_sides_have_the_same_table(tmp_path: Path) -> None:
     program = tmp_path / "layout"
     subprocess.run(["cc", "-Werror", f"-I{ROOT / 'native/link'}", "-o", program, source], check=True)
     said = subprocess.run([program], capture_output=True, text=True, check=True).stdout.splitlines()
-    assert said[0] == f"{VERSION} {SIZE} 4096 {4096 - SLOTS * SLOT_SIZE}"
+    assert said[0] == f"{VERSION} {FILE_BYTES} 4096 {4096 - SLOTS * SLOT_SIZE}"
     found = {f"{page} {name}": rest for page, name, rest in (line.split(" ", 2) for line in said[1:])}
     for page, table in (("facts", FACTS), ("state", STATE), ("command", COMMAND)):
         at, count, kind = list(table.values())[-1]

@@ -24,7 +24,7 @@ from haptorb.errors import InputError
 from haptorb.rotations import rotation_from_euler
 from haptorb.runtime.shared_memory import Word
 from haptorb.serve.native import FACTS, Placement, describe_hardware, prepare
-from haptorb.worlds.client_force import FADE, HOLD
+from haptorb.worlds.client_force import FADE_TIME_S, HOLD_TIME_S
 from oracles.other_account import as_nobody, needs_root
 from serve.native.conftest import ServedFile
 
@@ -306,7 +306,7 @@ def test_a_stopped_programs_force_fades(served: ServedFile, libraries: Path) -> 
         program.send_signal(signal.SIGSTOP)
         stopped = monotonic()
         client = served.loop._client
-        while client["age"][0] < HOLD + FADE:
+        while client["age"][0] < HOLD_TIME_S + FADE_TIME_S:
             served.receive()
             assert monotonic() - stopped < 1.0
         assert monotonic() - stopped < 0.5

@@ -18,7 +18,7 @@ import pytest
 from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.report import find_program, loop_report
 from haptorb.runtime.shared_memory import Word
-from haptorb.serve.base import SILENCE
+from haptorb.serve.base import CLIENT_TIMEOUT_S
 from haptorb.testing import haptic_device
 from haptorb.web.console_hub import describe_troubles, to_json
 
@@ -118,7 +118,7 @@ def test_who_commanded_at_a_time(bench: Any, monkeypatch: pytest.MonkeyPatch) ->
     served.command(second, (1.0, 0.0, 0.0))
     served.command(watcher, (0.0, 0.0, 0.0))
     served.report("osc", "here", clients[1:])
-    now[0] += 2.0 * SILENCE
+    now[0] += 2.0 * CLIENT_TIMEOUT_S
     assert served.holder == 0
     served.report("osc", "here", clients[1:])
     asked = [9.9, 10.0, 11.0, 11.05, 11.1, 12.0, 12.05, 12.1]

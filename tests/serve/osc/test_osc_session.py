@@ -16,9 +16,9 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.errors import InputError
 from haptorb.runtime.world_requests import description
-from haptorb.serve.osc import LEASE, MOST, NEWEST, OscSession, prepare, serve
+from haptorb.serve.osc import LEASE_TIME_S, MAX_DATAGRAMS, MAX_SUBSCRIBERS, OscSession, prepare, serve
 from haptorb.worlds import Dome, Nothing, Remote
-from haptorb.worlds.client_force import HOLD
+from haptorb.worlds.client_force import HOLD_TIME_S
 from serve.published_loop import PublishedLoop
 
 
@@ -134,7 +134,7 @@ def test_a_subscription_ends_that_is_not_renewed(setting: Setting, monkeypatch: 
     program = setting.connect()
     program.say("/haptorb/subscribe")
     setting.look()
-    later = monotonic() + LEASE + 1.0
+    later = monotonic() + LEASE_TIME_S + 1.0
     monkeypatch.setattr("haptorb.serve.osc.monotonic", lambda: later)
     setting.loop.publish(5)
     setting.look()
@@ -142,12 +142,12 @@ def test_a_subscription_ends_that_is_not_renewed(setting: Setting, monkeypatch: 
 
 
 def test_so_many_subscribe_and_no_more(setting: Setting) -> None:
-    programs = [setting.connect() for _ in range(MOST + 1)]
+    programs = [setting.connect() for _ in range(MAX_SUBSCRIBERS + 1)]
     for program in programs:
         program.say("/haptorb/subscribe")
         setting.look()
     assert "/haptorb/subscribed" in programs[0].read()
-    assert str(MOST) in programs[-1].read()["/haptorb/error"][0]
+    assert str(MAX_SUBSCRIBERS) in programs[-1].read()["/haptorb/error"][0]
 
 
 def test_a_force_reaches_the_loop_and_the_first_program_holds_the_device(setting: Setting) -> None:
@@ -281,13 +281,13 @@ def test_the_newest_of_a_flood_counts_and_the_rest_is_counted(setting: Setting) 
         sent = monotonic()
         for _ in range(5):
             setting.look()
-        if (force := setting.loop.receive()[0]) != [0.0, 0.0, 0.0] or monotonic() < sent + HOLD:
+        if (force := setting.loop.receive()[0]) != [0.0, 0.0, 0.0] or monotonic() < sent + HOLD_TIME_S:
             break
     assert force == [3.5, 0.0, 0.0]
     assert "/haptorb/subscribed" in other.read()
     report = setting.report()
     assert report["received"] + report["unread"] >= 402
-    assert report["unread"] >= 401 - NEWEST
+    assert report["unread"] >= 401 - MAX_DATAGRAMS
 
 
 def test_a_flood_of_others_does_not_push_out_who_was_understood_before(setting: Setting) -> None:

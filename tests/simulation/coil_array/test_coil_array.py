@@ -26,7 +26,7 @@ every = pytest.mark.parametrize("name", DEVICES)
 def settle(simulated, duties, p, seconds=0.1):
     for _ in range(round(seconds / 1e-3)):
         simulated.advance(1e-3, simulated.quantise(duties), p, UPRIGHT)
-    return simulated.truth()
+    return simulated.wrench_actual()
 
 
 def force_at_rest(device, asked):
@@ -79,7 +79,7 @@ def test_a_moving_magnet_brakes_itself_in_shorted_coils(name):
     power = 0.0
     for _ in range(100):
         simulated.advance(1e-3, np.zeros(device.channels), end, UPRIGHT)
-        state, wrench = simulated.state(), simulated.truth()
+        state, wrench = simulated.state(), simulated.wrench_actual()
         passive = device.wrench_map(state, "exact").passive
         power += float((wrench - passive)[:3] @ state.v + (wrench - passive)[3:] @ state.w) * 1e-3
     assert power < 0
@@ -96,7 +96,7 @@ def test_between_two_maps_the_wrench_follows_the_moving_tool(name):
         state = simulated.state()
         simulated.advance(2.5e-4, duties, goal, UPRIGHT)
         exact = device.wrench_map(state, "exact").wrench(simulated._coils["mean"])[:3]
-        errors.append(np.linalg.norm(simulated.truth()[:3] - exact))
+        errors.append(np.linalg.norm(simulated.wrench_actual()[:3] - exact))
         sizes.append(np.linalg.norm(exact))
         fastest = max(fastest, float(np.linalg.norm(state.v)))
     assert fastest > 0.2
@@ -111,7 +111,7 @@ def test_the_same_seed_is_the_same_to_the_bit_and_another_specimen_is_not(name):
         simulated = SimulatedCoilArray(device, seed=3, specimen=specimen)
         settle(simulated, np.full(device.channels, 0.2), device.rest_position, 0.01)
         sample = simulated.sample(0.0, 0.0, True)
-        runs.append(np.concatenate([sample.currents, simulated.truth()]))
+        runs.append(np.concatenate([sample.currents, simulated.wrench_actual()]))
     assert (runs[0] == runs[1]).all()
     assert (runs[0] != runs[2]).any()
     assert (draw_coils(device, 1).position != draw_coils(device).position).all()

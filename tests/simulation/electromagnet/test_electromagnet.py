@@ -31,7 +31,7 @@ def hold_still(device=OMNI, **changes):
 def settle(omni, duties, p, q=UPRIGHT, seconds=0.05):
     for _ in range(round(seconds / 1e-3)):
         omni.advance(1e-3, omni.quantise(duties), p, q)
-    return omni.truth()
+    return omni.wrench_actual()
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_truth_is_the_devices_exact_wrench_map():
     omni.place(p, q)
     settle(omni, np.array([0.3, -0.2, 0.1]), p, q)
     exact = OMNI.wrench_map(omni.state(), "exact").wrench(omni.currents)
-    assert np.allclose(omni.truth(), exact, rtol=0, atol=1e-3 * np.linalg.norm(exact[:3]))
+    assert np.allclose(omni.wrench_actual(), exact, rtol=0, atol=1e-3 * np.linalg.norm(exact[:3]))
 
 
 def test_the_stylus_visibly_yields():
@@ -76,7 +76,7 @@ def test_the_stylus_visibly_yields():
     moved = omni.state().p - p
     assert moved[2] == pytest.approx(4e-3, rel=0.03)
     assert np.abs(moved[:2]).max() < 2e-4
-    assert omni.truth()[2] == pytest.approx(0.4, rel=0.02)
+    assert omni.wrench_actual()[2] == pytest.approx(0.4, rel=0.02)
 
 
 def test_pressing_on_the_dome_the_tip_stays_outside():
@@ -151,7 +151,7 @@ def test_the_same_seed_and_calls_give_the_same_bits():
             sample = omni.sample(n * 1e-3, n * 1e-3, True)
             rows.append(
                 np.concatenate(
-                    [sample.currents, sample.temperatures, sample.field.ravel(), sample.pose.p, omni.truth()]
+                    [sample.currents, sample.temperatures, sample.field.ravel(), sample.pose.p, omni.wrench_actual()]
                 )
             )
         return np.array(rows)
@@ -171,7 +171,7 @@ def test_reset_begins_again():
     again = omni.sample(0.0, 0.0, True)
     assert np.array_equal(omni.state().p, start.p)
     assert not omni.currents.any()
-    assert not omni.truth().any()
+    assert not omni.wrench_actual().any()
     assert (omni.winding == OMNI.coils.heat.ambient).all()
     assert np.array_equal(first.field, again.field)
     assert np.array_equal(first.currents, again.currents)
@@ -202,7 +202,7 @@ def test_no_goal_and_no_duty_takes_it_out_of_the_numbers(bad_p, bad_q, p, duties
     state = omni.state()
     assert np.isfinite(state.p).all()
     assert np.allclose(state.R_SR @ state.R_SR.T, np.eye(3), atol=1e-9)
-    assert np.isfinite(omni.truth()).all()
+    assert np.isfinite(omni.wrench_actual()).all()
     assert np.isfinite(omni.sample(0.0, 0.0, True).field).all()
 
 

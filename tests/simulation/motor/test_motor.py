@@ -127,7 +127,7 @@ def test_passive_torque_is_the_devices_own():
         q = turn_of(*angles)
         motor.place(NOWHERE, q)
         motor.advance(DT, OFF, NOWHERE, q)
-        assert motor.truth() == pytest.approx(PMSM.passive(motor.state().R_SR), abs=2e-5)
+        assert motor.wrench_actual() == pytest.approx(PMSM.passive(motor.state().R_SR), abs=2e-5)
 
 
 def test_torque_is_the_characteristic_times_the_currents():
@@ -138,8 +138,8 @@ def test_torque_is_the_characteristic_times_the_currents():
     go(motor, 0.05, duties, q)
     state = motor.state()
     K = torque_characteristic(PMSM, state.R_SR, grouped=True)
-    assert motor.truth()[3:] == pytest.approx(K @ motor.currents + PMSM.passive(state.R_SR)[3:], abs=1e-5)
-    assert not motor.truth()[:3].any()
+    assert motor.wrench_actual()[3:] == pytest.approx(K @ motor.currents + PMSM.passive(state.R_SR)[3:], abs=1e-5)
+    assert not motor.wrench_actual()[:3].any()
     assert motor.currents == pytest.approx(duties * 60 / PMSM.coils.resistance_at(motor.winding), rel=2e-3, abs=1e-9)
 
 
@@ -159,8 +159,8 @@ def test_one_look_up_of_the_characteristic_serves_a_tick(speed):
         mean = np.zeros(6)
         for _ in range(4):
             apart.advance(DT / 4, duties, NOWHERE, goal)
-            mean += 0.25 * apart.truth()
-        torques.append((whole.truth(), mean))
+            mean += 0.25 * apart.wrench_actual()
+        torques.append((whole.wrench_actual(), mean))
         turned.append(np.abs(whole.state().R_SR - apart.state().R_SR).max())
         fastest = max(fastest, float(np.linalg.norm(whole.state().w)))
     found, fine = np.array(torques).swapaxes(0, 1)
@@ -199,7 +199,7 @@ def test_the_hand_leads_and_yields():
     motor = SimulatedMotor(PMSM, grasp=grasp)
     go(motor, 1.5, OFF, turn_of(lam=10.0))
     off = 10.0 - np.degrees(Rotation.from_matrix(motor.state().R_SR).as_euler("XYZ")[1])
-    back = -motor.truth()[4]
+    back = -motor.wrench_actual()[4]
     rub = PMSM.rotor.dry_friction
     assert abs(np.radians(off) * grasp.stiffness * 0.12**2 - back) <= rub * 1.05
 
@@ -266,7 +266,7 @@ def test_magnets_of_uneven_strength_give_another_torque():
         motor = SimulatedMotor(PMSM, seed=1, grasp=replace(PMSM.hand, stiffness=1e6, damping=1e3), magnet_spread=spread)
         motor.place(NOWHERE, q)
         go(motor, 0.03, 0.2 * np.cos(np.arange(12.0)), q)
-        return motor.truth()[3:]
+        return motor.wrench_actual()[3:]
 
     assert 1e-4 < np.linalg.norm(torque(0.02) - torque(0.0)) < 0.1 * np.linalg.norm(torque(0.0))
 

@@ -148,7 +148,7 @@ def test_the_seed_chooses_the_motor():
         motor = SimulatedMotor(PMSM, seed)
         for _ in range(20):
             motor.advance(1e-3, np.full(12, 0.2), np.zeros(3), np.array([0.0, 0.1, 0.0, 0.995]))
-        return motor.truth().tobytes(), motor.sample(0.0, 0.0, True).field.tobytes()
+        return motor.wrench_actual().tobytes(), motor.sample(0.0, 0.0, True).field.tobytes()
 
     one = read(4)
     assert one == read(4)

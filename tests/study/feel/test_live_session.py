@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import haptorb_study.feel
-from haptorb.cli.check_world import ENOUGH
+from haptorb.cli.check_world import MIN_STABILITY_MARGIN
 from haptorb.control.linkage import MOTOR_GAINS
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
@@ -250,7 +250,7 @@ def test_the_true_scale_and_its_limits() -> None:
     assert saturating.largest * scale.lever * peak == pytest.approx(load("pmsm").limits.torque)
     assert "N·m" in saturating.reason
     stable = find_limits(scale, designs, margin=3.0)
-    assert stable.largest == pytest.approx(3.0 / ENOUGH)
+    assert stable.largest == pytest.approx(3.0 / MIN_STABILITY_MARGIN)
     assert "would vibrate" in stable.reason
     assert find_limits(scale, designs, None).largest == 1.0
     already = find_limits(scale, designs, margin=0.6)

@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from haptorb.web import server
-from haptorb.web.console_hub import MOST as PAGES
+from haptorb.web.console_hub import MAX_PAGES as PAGES
 
 pytestmark = pytest.mark.realtime(retry=False)
 
@@ -30,7 +30,7 @@ def hostile(root):
 
 
 def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, hostile, monkeypatch, capfd, caplog):
-    monkeypatch.setattr(server, "LIFE", 1.0)
+    monkeypatch.setattr(server, "MAX_LIFETIME_S", 1.0)
     at_once = []
     address = f"ws://127.0.0.1:{console.port}/ws"
     with connect(address, additional_headers={"Authorization": f"Bearer {console.token}"}, close_timeout=0.3) as page:
@@ -57,7 +57,7 @@ def test_many_that_mean_no_good_take_neither_place_nor_control(console, servo, h
             over.set()
             holding.join()
         assert sum(answers.values()) == 500
-        assert max(at_once) <= 2 * server.MOST + PAGES + 8
+        assert max(at_once) <= 2 * server.MAX_CONNECTIONS + PAGES + 8
         assert not [call for call in servo.calls if call[0] in ("stop", "engage", "world", "release")]
         page.send('{"do": "engage"}')  # it still has the control
         end = time.monotonic() + 10

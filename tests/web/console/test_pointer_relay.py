@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from haptorb.web.session import PointerRelay, session
-from haptorb.web.wire import Pointer
+from haptorb.web.wire import PointerMessage
 
 
-def pointer(stamp: float, x: float, held: bool) -> Pointer:
-    return Pointer(stamp, np.array([x, 0.0, 0.05]), None, held)
+def pointer(stamp: float, x: float, held: bool) -> PointerMessage:
+    return PointerMessage(stamp, np.array([x, 0.0, 0.05]), None, held)
 
 
 @pytest.mark.parametrize(("driver", "seconds"), [("serial:/dev/ttyUSB0", 0.15), ("i2c:1", 0.15), ("sim", 1.0)])

@@ -322,7 +322,7 @@ def is_admitted(console) -> bool:
 
 
 def test_a_page_that_never_reads_is_left_and_disturbs_nobody(console, client, servo, monkeypatch):
-    monkeypatch.setattr("haptorb.web.console_hub.PATIENCE", 0.3)
+    monkeypatch.setattr("haptorb.web.console_hub.SEND_TIMEOUT_S", 0.3)
     client.event("role", control=True)
     deaf = socket.socket()
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

@@ -81,7 +81,7 @@ def test_no_bytes_do_more_than_be_refused(data):
     except InputError:
         return
     assert np.isfinite(told.p).all()
-    assert np.linalg.norm(told.p) <= wire.REACH
+    assert np.linalg.norm(told.p) <= wire.MAX_DISTANCE_M
 
 
 def test_felt_frame_keeps_every_vertex():

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.realtime(retry=False)
 @pytest.fixture
 def port(monkeypatch):
     """Of a server with an answer of a megabyte, and a socket that echoes; strangers may stay for half a second."""
-    monkeypatch.setattr(connection, "LIFE", 0.5)
+    monkeypatch.setattr(connection, "MAX_LIFETIME_S", 0.5)
 
     async def large(request):
         return PlainTextResponse("x" * 1_000_000)
@@ -160,10 +160,10 @@ def test_who_never_reads_is_cut_off(port):
 
 
 def test_many_silent_ones_take_nobodys_place(port):
-    silent = [open_socket(port) for _ in range(3 * connection.MOST)]
+    silent = [open_socket(port) for _ in range(3 * connection.MAX_CONNECTIONS)]
     assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 200
     with connect(f"ws://127.0.0.1:{port}/ws") as page:
-        more = [open_socket(port) for _ in range(3 * connection.MOST)]
+        more = [open_socket(port) for _ in range(3 * connection.MAX_CONNECTIONS)]
         time.sleep(1.0)  # longer than a stranger may stay: a page may
         page.send("still here")
         assert page.recv(timeout=10) == "still here"

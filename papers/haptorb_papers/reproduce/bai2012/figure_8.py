@@ -24,11 +24,10 @@ from haptorb.devices.base import WrenchMap
 from haptorb.devices.motor import Grasp
 from haptorb.estimation.network import networks_path
 from haptorb.estimation.registry import make_estimator
-from haptorb.estimation.types import Estimate, Estimator, Sample
+from haptorb.estimation.types import Estimate, Estimator, HandGoal, Sample
 from haptorb.recording.row import RowLayout
 from haptorb.runtime.drivers.sim import SimDriver
 from haptorb.runtime.tick import Tick
-from haptorb.runtime.trackers.base import Goal
 from haptorb.simulation.hand_motion import handle_quaternion
 from haptorb.simulation.motor import SimulatedMotor
 from haptorb.worlds.snap_fit import PublishedOutlet
@@ -140,10 +139,10 @@ def two_phases(
     spin = TILT / gains.rotate[2]  # of the handle: 8°
     starts = (0.0, _READY, _READY + _PHASE_1, _READY + _PHASE_1 + _SWITCH)
 
-    def hand(now: float) -> Goal:
+    def hand(now: float) -> HandGoal:
         lam = _FROM + _PULL * min(max((now - starts[1]) / _PHASE_1, 0.0), 1.0)
         phi = spin * _smooth((now - starts[3]) / _PHASE_2)
-        return Goal(np.zeros(3), handle_quaternion(0.0, lam, phi), now, False)
+        return HandGoal(np.zeros(3), handle_quaternion(0.0, lam, phi), now, False)
 
     driver = SimDriver(SimulatedMotor(replace(known, tolerance=None), seed, grasp=_STEEL), _DT, hand, seed=seed)
     recorder = _RecordingEstimator(make_estimator(known, estimator, None))

@@ -37,7 +37,7 @@ class Drive:
     def duties(self, wanted: Array, measured: Array, applied: Array) -> Array:
         """(m,) duties in −1…1 for `wanted` currents, after learning from `measured` currents under `applied` duties."""
         coils = self._coils
-        coils["held"], coils["current"], coils["applied"] = wanted, measured, applied
+        coils["current_commanded"], coils["current"], coils["applied"] = wanted, measured, applied
         choose_duties(self._drive[0], coils)
         chosen: Array = coils["duty"].copy()
         return chosen

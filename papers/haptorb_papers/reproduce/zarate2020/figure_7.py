@@ -18,9 +18,9 @@ from haptorb.arrays import Array
 from haptorb.devices.api import electromagnet
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.estimation.coil_calibration import MagneticCalibration, excitation, magnetic_calibration
+from haptorb.estimation.types import HandGoal
 from haptorb.magnetics.dipole import MU0
 from haptorb.runtime.drivers.sim import SimDriver
-from haptorb.runtime.trackers.base import Goal
 from haptorb_papers.reproduce.item import Item
 from haptorb_papers.reproduce.registry import Drawing
 
@@ -46,7 +46,7 @@ def moment_course(
     """Excite, read, regress."""
     limit = float(device.coils.current_limit.max())
     wanted = excitation(device, share=_AMPERES / limit, levels=6, repeats=2)
-    away = Goal(np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
+    away = HandGoal(np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, False)
     currents, fields = np.empty_like(wanted), np.empty((len(wanted), device.sensors, 3))
     driver, tick = SimDriver.of(device, _STEP, lambda now: away, seed), 0
     with driver:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +39,9 @@ _UNKNOWN = np.full(7, np.nan)
 
 _NO_WRENCH = np.full(6, np.nan)
 
+#: methods of a driver before version 0.2.0 → present names
+_EARLIER_METHODS: Final = {"truth": "wrench_actual", "target": "hand_goal", "squeeze": "write_grip_force"}
+
 
 class Driver(ABC):
     """Interface to a device, simulated or real; the base class of every driver.
@@ -58,6 +62,13 @@ class Driver(ABC):
     name: str
     simulated: bool
     lead: float = 0.0
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for earlier, now in _EARLIER_METHODS.items():
+            if earlier in cls.__dict__ and now not in cls.__dict__:
+                warn(f"a driver's {earlier}() is now called {now}()", DeprecationWarning, stacklevel=2)
+                setattr(cls, now, cls.__dict__[earlier])
 
     @abstractmethod
     def open(self) -> None:
@@ -125,7 +136,7 @@ class Driver(ABC):
             If the device does not respond in time.
         """
 
-    def squeeze(self, force: float) -> float:
+    def write_grip_force(self, force: float) -> float:
         """Apply a force to the device's gripper, within the tick, after `write`; by default there is none.
 
         Parameters
@@ -198,8 +209,8 @@ class Driver(ABC):
         """Set simulated coils to the ambient temperature; no effect on a real device."""
         return
 
-    def truth(self) -> Array:
-        """Return the true wrench of coils and core on the mover in the last tick, if the driver knows it.
+    def wrench_actual(self) -> Array:
+        """Return the actual wrench of coils and core on the mover in the last tick, if the driver knows it.
 
         Returns
         -------
@@ -208,8 +219,8 @@ class Driver(ABC):
         """
         return _NO_WRENCH
 
-    def target(self) -> Array:
-        """Return the pointer target of the simulated hand, if there is one.
+    def hand_goal(self) -> Array:
+        """Return the goal of the simulated hand, if there is one.
 
         Returns
         -------

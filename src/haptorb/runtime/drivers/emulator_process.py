@@ -105,10 +105,10 @@ class EmulatedDevice:
             state = self.simulation.state()
             return Pose(now, state.R_SR.copy(), state.p.copy(), state.w.copy(), state.v.copy(), valid=True)
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """True wrench (6,) of coils and core on the tool [N, N·m]."""
         with self._lock:
-            return self.simulation.truth().copy()
+            return self.simulation.wrench_actual().copy()
 
     def close(self) -> None:
         """May be called twice."""
@@ -156,14 +156,14 @@ class Emulator:
                 if line.startswith("@"):  # other lines are the library's
                     self._lines.put(line.strip())
 
-    def expect_line(self, start: str, patience: float = 20.0) -> str:
-        """Wait for a line that begins with `start`; drop others before. DriverError if none comes in `patience` [s]."""
-        end = time.monotonic() + patience
+    def expect_line(self, start: str, timeout: float = 20.0) -> str:
+        """Wait for a line that begins with `start`; drop others before. DriverError if none comes in `timeout` [s]."""
+        end = time.monotonic() + timeout
         while True:
             try:
                 line = self._lines.get(timeout=max(end - time.monotonic(), 1e-3))
             except Empty:
-                raise DriverError(f"the emulator did not report '{start}' within {patience:g} s") from None
+                raise DriverError(f"the emulator did not report '{start}' within {timeout:g} s") from None
             if line.startswith(start):
                 return line
 

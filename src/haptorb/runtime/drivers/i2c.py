@@ -174,8 +174,8 @@ class Watchdog(Protocol):
     def ended(self) -> bool:
         """Whether it has ended."""
 
-    def wait_until_ready(self, patience: float) -> bool:
-        """Wait until it is active, for at most `patience` [s]; return whether it is."""
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Wait until it is active, for at most `timeout` [s]; return whether it is."""
 
     def beat(self, engaged: bool) -> None:
         """Send a heartbeat. DriverError if the watchdog is not active."""
@@ -183,8 +183,8 @@ class Watchdog(Protocol):
     def leave(self) -> None:
         """Let it switch off until the chip confirms it, then end; non-blocking."""
 
-    def end(self, patience: float) -> bool:
-        """End it once off is confirmed, within `patience` [s], or kill it; return whether it has ended."""
+    def end(self, timeout: float) -> bool:
+        """End it once off is confirmed, within `timeout` [s], or kill it; return whether it has ended."""
 
 
 class Port(ABC):
@@ -365,9 +365,9 @@ class CoilSwitch:
             with suppress(OSError):
                 self._watcher, self._leaving = self._port.watcher(), False
 
-    def _is_guardian_gone(self, patience: float = 0.0) -> bool:
+    def _is_guardian_gone(self, timeout: float = 0.0) -> bool:
         """Whether the guardian has ended. One that still tries is told to end, as off is confirmed."""
-        if self._watcher is not None and (self._leaving or self._watcher.ended) and self._watcher.end(patience):
+        if self._watcher is not None and (self._leaving or self._watcher.ended) and self._watcher.end(timeout):
             self._watcher = None
         return self._watcher is None
 
@@ -415,8 +415,8 @@ _FOLDER = Path("/sys/bus/w1/devices")
 class Thermometers(Protocol):
     """Source of the temperatures at the coils' boundaries."""
 
-    def wait_until_ready(self, patience: float) -> bool:
-        """Wait for the first reading, for at most `patience` [s]."""
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Wait for the first reading, for at most `timeout` [s]."""
 
     def read(self) -> Array:
         """Temperatures (m,) [K]."""
@@ -456,9 +456,9 @@ class W1Thermometers:
             self._first.set()
             self._end.wait(0.05)
 
-    def wait_until_ready(self, patience: float) -> bool:
-        """Wait until each has been read once, at most `patience` [s]."""
-        return self._first.wait(patience)
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Wait until each has been read once, at most `timeout` [s]."""
+        return self._first.wait(timeout)
 
     def read(self) -> Array:
         """Last readings (count,) [K]; NaN where a sensor does not answer."""

@@ -15,9 +15,9 @@ __all__ = [
     "ADDRESSES",
     "ALL_OFF",
     "BLOCKS",
-    "LONGEST",
     "MAX11616_ADDRESS",
-    "SHORTEST",
+    "MAX_PULSE_S",
+    "MIN_PULSE_S",
     "TCA9534_ADDRESS",
     "HallAdc",
     "HallSelect",
@@ -359,8 +359,8 @@ class HallSelect:
 # It switches off when this computer stops with all its processes. The wiring is in docs/reference/hardware.md.
 
 
-SHORTEST = 0.012  #: shortest valid pulse: it must last to the next tick, even if that is late [s]
-LONGEST = 0.030  #: longest valid pulse: coils are off this long after the last trigger, whatever hangs [s]
+MIN_PULSE_S = 0.012  #: shortest valid pulse: it must last to the next tick, even if that is late [s]
+MAX_PULSE_S = 0.030  #: longest valid pulse: coils are off this long after the last trigger, whatever hangs [s]
 
 _TRIGGER_INTERVAL_S = 4e-3  #: between two triggers of the test
 
@@ -371,14 +371,14 @@ _WIRE = (
 
 
 def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
-    """Measure the pulse of OE after the last trigger [s], between SHORTEST and LONGEST; takes 0.15 s.
+    """Measure the pulse of OE after the last trigger [s], between MIN_PULSE_S and MAX_PULSE_S; takes 0.15 s.
 
     Outputs must be off. Raises DriverError, which states the wiring, if OE does not follow: high without triggers,
     low at once with one, low while they continue, high again after them. OSError if the TCA9534 does not answer.
     """
     if _measure_duration(select, clock) is None:
         raise DriverError(f"OE of the PCA9685 is low although nothing triggers a monostable: {_WIRE}")
-    end = clock() + 2 * LONGEST
+    end = clock() + 2 * MAX_PULSE_S
     while (now := clock()) < end:
         select.trigger()
         while clock() < now + _TRIGGER_INTERVAL_S:
@@ -387,18 +387,18 @@ def pulse(select: HallSelect, clock: Callable[[], float]) -> float:
     select.trigger()
     lasted = _measure_duration(select, clock)
     if lasted is None:
-        raise DriverError(f"OE of the PCA9685 is still low {1e3 * LONGEST:g} ms after the last trigger: {_WIRE}")
-    if lasted < SHORTEST:
+        raise DriverError(f"OE of the PCA9685 is still low {1e3 * MAX_PULSE_S:g} ms after the last trigger: {_WIRE}")
+    if lasted < MIN_PULSE_S:
         raise DriverError(
-            f"the monostable on OE of the PCA9685 holds for {1e3 * lasted:.1f} ms, not {1e3 * SHORTEST:g} to "
-            f"{1e3 * LONGEST:g} ms: check its resistor (82 kΩ) and capacitor (470 nF)"
+            f"the monostable on OE of the PCA9685 holds for {1e3 * lasted:.1f} ms, not {1e3 * MIN_PULSE_S:g} to "
+            f"{1e3 * MAX_PULSE_S:g} ms: check its resistor (82 kΩ) and capacitor (470 nF)"
         )
     return lasted
 
 
 def check_output_enable(select: HallSelect, clock: Callable[[], float]) -> None:
     """Quick test, for outputs that are off: DriverError if OE stays low, or does not fall on a trigger; takes at most
-    LONGEST. OSError if the TCA9534 does not answer."""
+    MAX_PULSE_S. OSError if the TCA9534 does not answer."""
     if _measure_duration(select, clock) is None:
         raise DriverError(f"OE of the PCA9685 is low although nothing triggers a monostable: {_WIRE}")
     select.trigger()
@@ -407,9 +407,9 @@ def check_output_enable(select: HallSelect, clock: Callable[[], float]) -> None:
 
 
 def _measure_duration(select: HallSelect, clock: Callable[[], float]) -> float | None:
-    """Measure how long OE stays low [s]; None if longer than LONGEST."""
+    """Measure how long OE stays low [s]; None if longer than MAX_PULSE_S."""
     start = clock()
     while select.is_enabled():
-        if clock() - start > LONGEST:
+        if clock() - start > MAX_PULSE_S:
             return None
     return clock() - start

@@ -22,16 +22,18 @@ from typing import final
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c_chips import I2cBus, LinuxBus, Pca9685
 
-__all__ = ["ANSWER", "PATIENCE", "Guardian", "serve", "switch_off", "watch"]
+__all__ = ["HEARTBEAT_TIMEOUT_S", "RESPONSE_TIMEOUT_S", "Guardian", "serve", "switch_off", "watch"]
 
-PATIENCE = 0.015  #: heartbeat timeout while the coils are engaged [s]
-ANSWER = 0.010  #: time since the last answer to a heartbeat after which the guardian counts as stopped [s]
+HEARTBEAT_TIMEOUT_S = 0.015  #: heartbeat timeout while the coils are engaged [s]
+RESPONSE_TIMEOUT_S = 0.010  #: time since the last answer to a heartbeat after which the guardian counts as stopped [s]
 
 _RETRY_INTERVAL_S = 2e-3  #: between two tries to switch off
 _PRIORITY = 41  #: above every loop: one that never sleeps must not starve its guardian
 
 
-def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, answers: int | None = None) -> bool:
+def watch(
+    heartbeats: int, off: Callable[[], None], timeout: float = HEARTBEAT_TIMEOUT_S, answers: int | None = None
+) -> bool:
     """Monitor the file descriptor `heartbeats` until it ends (True) or times out while engaged (False); then `off`.
 
     Every heartbeat is answered on the file descriptor `answers`. After a timeout no heartbeat is accepted any more: the
@@ -40,7 +42,7 @@ def watch(heartbeats: int, off: Callable[[], None], patience: float = PATIENCE, 
     """
     engaged = False
     while True:
-        ready, _, _ = select.select((heartbeats,), (), (), patience if engaged else None)
+        ready, _, _ = select.select((heartbeats,), (), (), timeout if engaged else None)
         data = os.read(heartbeats, 4096) if ready else b""
         if not data:
             os.close(heartbeats)
@@ -94,10 +96,10 @@ class Guardian:
         """Process id."""
         return self._process.pid
 
-    def wait_until_ready(self, patience: float) -> bool:
-        """Wait for its ready message, for at most `patience` [s]; return whether it is active."""
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Wait for its ready message, for at most `timeout` [s]; return whether it is active."""
         if not self._ready and self._answers >= 0:
-            readable, _, _ = select.select((self._answers,), (), (), patience)
+            readable, _, _ = select.select((self._answers,), (), (), timeout)
             self._ready = bool(readable) and os.read(self._answers, 1) == b"+"
         return self._ready and not self.ended
 
@@ -118,9 +120,10 @@ class Guardian:
         if engaged and not self._engaged:  # there were no heartbeats before, so no answers either
             self._last_answer = now
         self._engaged = engaged
-        if engaged and now - self._last_answer > ANSWER:  # safety: guardian-silent
+        if engaged and now - self._last_answer > RESPONSE_TIMEOUT_S:  # safety: guardian-silent
             raise DriverError(
-                f"the guardian of the I²C bus did not answer for {1e3 * ANSWER:g} ms (stopped, or a busy computer)"
+                f"the guardian of the I²C bus did not answer for {1e3 * RESPONSE_TIMEOUT_S:g} ms (stopped, or a busy "
+                "computer)"
             )
 
     @property
@@ -134,12 +137,12 @@ class Guardian:
         with suppress(OSError):
             self._pipes[0].close()
 
-    def end(self, patience: float) -> bool:
-        """End it once off is confirmed, within `patience` [s], or kill it; return whether it has ended."""
+    def end(self, timeout: float) -> bool:
+        """End it once off is confirmed, within `timeout` [s], or kill it; return whether it has ended."""
         self.leave()
         for last in (False, True):
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(patience)
+                self._process.wait(timeout)
                 self._answers = -1
                 self._pipes[1].close()
                 return True

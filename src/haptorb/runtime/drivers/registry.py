@@ -40,14 +40,14 @@ def real_driver(
     duty_limit: float = 1.0,
     current_limit: float | None = None,
     hall_axes: int = 1,
-    patience: float = 5e-3,
+    timeout: float = 5e-3,
     watchdog: bool = True,
 ) -> Driver:
     """Make the driver `name` of `device`, not open yet; InputError if the name is not a port or bus,
     PlatformError if this is not Linux.
 
     duty_limit [1] and current_limit [A] bind the firmware for this session, where there is one. Hall sensors of fewer
-    than `hall_axes` are refused when it is opened. `patience` [s] is the response timeout of a bridge: short for a
+    than `hall_axes` are refused when it is opened. `timeout` [s] is the response timeout of a bridge: short for a
     loop, longer for a program without one. An I²C bus whose PWM chip has no monostable on OE is refused when it is
     opened, unless `watchdog` is False.
     """
@@ -58,7 +58,7 @@ def real_driver(
         from haptorb.runtime.drivers.serial import SerialDriver
 
         return SerialDriver(
-            device, where, pose, patience=patience, duty_limit=duty_limit, current_limit=current_limit,
+            device, where, pose, timeout=timeout, duty_limit=duty_limit, current_limit=current_limit,
             hall_axes=hall_axes,
         )  # fmt: skip
     if kind == "i2c" and where.isdecimal():

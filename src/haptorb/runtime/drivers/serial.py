@@ -138,8 +138,8 @@ class SerialPort:
         except (OSError, ValueError) as cause:
             raise self._lose_port(cause) from cause
 
-    def receive(self, room: memoryview, patience: float) -> int:
-        """Receive bytes into `room`, waiting at most `patience` [s]; return their number, 0 if none came."""
+    def receive(self, room: memoryview, timeout: float) -> int:
+        """Receive bytes into `room`, waiting at most `timeout` [s]; return their number, 0 if none came."""
         try:
             count = os.readv(self._number, (room,))  # usually the answer has arrived: no need to poll first
             if count:
@@ -149,7 +149,7 @@ class SerialPort:
         except (OSError, ValueError) as cause:
             raise self._lose_port(cause) from cause
         try:
-            ready, _, _ = select.select((self._number,), (), (), max(patience, 0.0))
+            ready, _, _ = select.select((self._number,), (), (), max(timeout, 0.0))
             if not ready:
                 return 0
             count = os.readv(self._number, (room,))
@@ -178,7 +178,7 @@ class Board:
     """Requests and responses; `post` and `collect` split the periodic one.
 
     Opening waits until the firmware has answered (an Arduino restarts when its port is opened, which takes up to 2 s),
-    at most `patience` [s], and leaves the coils off. `answer` [s] is the timeout of any later response;
+    at most `timeout` [s], and leaves the coils off. `answer` [s] is the timeout of any later response;
     `clock` returns the time of a request, for `asked`.
 
     Raises DriverError if the port cannot be opened, if there is no response, or if it is not that of haptorb's firmware
@@ -186,7 +186,7 @@ class Board:
     """
 
     def __init__(
-        self, path: str, patience: float = 3.0, answer: float = _RESPONSE_S, clock: Callable[[], float] = monotonic
+        self, path: str, timeout: float = 3.0, answer: float = _RESPONSE_S, clock: Callable[[], float] = monotonic
     ) -> None:
         self._answer = answer
         self._clock = clock
@@ -204,7 +204,7 @@ class Board:
         find_answer(self._parser.line, self._parser.held, 0, 0, self._reading, self._at)
         self._port = SerialPort(path)
         try:
-            self.identity = self._identify(patience)
+            self.identity = self._identify(timeout)
             self.limits = BoardLimits.parse(self._ask(Command.LIMITS, b"", 0x80 | Command.LIMITS).payload)
             self.switch_off()
         except BaseException:
@@ -221,8 +221,8 @@ class Board:
         """Number of frames from the firmware with a wrong checksum."""
         return self._parser.bad_frames
 
-    def _identify(self, patience: float) -> Identity:
-        end = monotonic() + patience
+    def _identify(self, timeout: float) -> Identity:
+        end = monotonic() + timeout
         received = 0
         while True:
             self._send(Frame(Command.IDENTIFY, self._next(), b""))
@@ -253,9 +253,9 @@ class Board:
     def _send(self, frame: Frame) -> None:
         self._port.send(encode(frame))
 
-    def _await_frame(self, kind: int, sequence: int, patience: float) -> tuple[Frame | None, int]:
+    def _await_frame(self, kind: int, sequence: int, timeout: float) -> tuple[Frame | None, int]:
         """Wait for the frame of this kind and sequence number; return it, or None, and the number of bytes received."""
-        end = monotonic() + patience
+        end = monotonic() + timeout
         count = 0
         while True:
             count += self._receive(end)
@@ -368,8 +368,8 @@ class Board:
         """Whether a response is pending."""
         return self._waiting is not None
 
-    def collect(self, patience: float) -> Records | None:
-        """Collect the response to `post`, (1,) BOARD_READING, waiting at most `patience` [s]; None if it did not come.
+    def collect(self, timeout: float) -> Records | None:
+        """Collect the response to `post`, (1,) BOARD_READING, waiting at most `timeout` [s]; None if it did not come.
         The next one overwrites it.
 
         Raises DriverError if the firmware refuses the request, or if its response is not a reading.
@@ -377,7 +377,7 @@ class Board:
         if self._waiting is None:
             return None
         last, self._waiting = self._waiting, None
-        parser, end = self._parser, monotonic() + patience
+        parser, end = self._parser, monotonic() + timeout
         while True:
             self._receive(end)
             answer = find_answer(parser.line, parser.held, self._first, last, self._reading, self._at)
@@ -518,7 +518,7 @@ _LOST_AT_REST = 20  #: the same while not engaged: a busy computer is not a dang
 _REPEAT_AFTER_S = (
     5e-3  #: after this wait for a reply the request is repeated: 15 ms of silence switch the coils off [s]
 )
-_MAX_REPETITIONS = 10  #: most repetitions within the patience: a long one is for an emulator slower than real time
+_MAX_REPETITIONS = 10  #: most repetitions within the timeout: a long one is for an emulator slower than real time
 _RETRY_INTERVAL_S = 0.25  #: between two attempts to reopen a lost port
 _RECONNECT_TIMEOUT_S = 0.2  #: response timeout at reconnecting; no Arduino restarts in the middle of a loop
 _REQUIRED = 0xFF  #: mask of all parts
@@ -537,7 +537,7 @@ class SerialDriver(Driver):
     the user calls `engage`, even if the port returns. A port that returns is reopened by the next `read`, 0.25 s later
     at the latest.
 
-    pose(now) is the tracker's pose of the tool; without it no pose is ever valid. `patience` [s] is how long `read`
+    pose(now) is the tracker's pose of the tool; without it no pose is ever valid. `timeout` [s] is how long `read`
     waits for the response to the last tick's frame, which is repeated every 5 ms meanwhile; the device counts as
     lost after three successive missing responses, twenty while no current may flow. A trip because this computer
     was silent is a HostSilent.
@@ -555,7 +555,7 @@ class SerialDriver(Driver):
         path: str,
         pose: Callable[[float], Pose] = invalid_pose,
         *,
-        patience: float = 5e-3,
+        timeout: float = 5e-3,
         duty_limit: float = 1.0,
         current_limit: float | None = None,
         warm_up: float = 4.0,
@@ -569,9 +569,9 @@ class SerialDriver(Driver):
         # above the guard's limit, which acts first; the firmware enforces this one
         limit = 1.05 * float(np.max(device.coils.current_limit)) if current_limit is None else current_limit
         self._session = (duty_limit, min(limit, 65.5))
-        self._patience = patience
+        self._timeout = timeout
         self._clock = clock
-        self._answer = 10 * patience
+        self._answer = 10 * timeout
         self._warm_up_time = warm_up
         self._hall_axes = hall_axes
         self._board: Board | None = None
@@ -611,7 +611,7 @@ class SerialDriver(Driver):
         if self._board is None:
             raise DriverError(f"the device at {self._path} is not open; nothing was stored")
         if self._board.is_posted:
-            self._board.collect(self._patience)
+            self._board.collect(self._timeout)
         self._engaged = False
         self._applied = np.zeros(CHANNELS)
         self._apply_mode(self._board.switch_off().mode)
@@ -683,7 +683,7 @@ class SerialDriver(Driver):
         if self._board is not None:
             try:
                 if self._board.is_posted:
-                    self._board.collect(self._patience)
+                    self._board.collect(self._timeout)
                 self._apply_mode(self._board.switch_off().mode)
             except DriverError as cause:
                 raise self._fail(str(cause), gone=True) from cause
@@ -743,7 +743,7 @@ class SerialDriver(Driver):
 
     def _collect_reply(self, board: Board) -> Records | None:
         """Collect the response to the last request, or to any of its repetitions, which are sent meanwhile."""
-        end, pause = monotonic() + self._patience, max(_REPEAT_AFTER_S, self._patience / _MAX_REPETITIONS)
+        end, pause = monotonic() + self._timeout, max(_REPEAT_AFTER_S, self._timeout / _MAX_REPETITIONS)
         while True:
             left = end - monotonic()
             reading = board.collect(min(left, pause))
@@ -779,7 +779,7 @@ class SerialDriver(Driver):
     def _refusal(self, board: Board) -> str:
         """Engage; return the reason if the firmware refuses, else an empty text."""
         if board.is_posted:
-            board.collect(self._patience)
+            board.collect(self._timeout)
         self._armed = False
         self._coils = CoilState.ON  # possible from here on
         state = board.engage(*self._session)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 
@@ -16,47 +16,19 @@ from haptorb.control.missed_deadlines import silence_of
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, InputError
-from haptorb.estimation.types import Pose, Sample
+from haptorb.estimation.types import HandGoal, Pose, Sample
 from haptorb.rotations import quaternion
 from haptorb.runtime.drivers.base import Driver
 from haptorb.simulation.base import Simulation
 from haptorb.simulation.hand_motion import RelaxedHand
 from haptorb.simulation.registry import simulate
 
-__all__ = ["HandTarget", "ImperfectTracker", "PoseDistortion", "SimDriver"]
+__all__ = ["ImperfectTracker", "PoseDistortion", "SimDriver"]
 
 
 _LEAD_S = 150e-6  #: twice the computing time of one tick of the simulation, including its sensors …
 _LEAD_PER_COIL_S = 2.5e-6  #: … and additionally for each of many coils
 _MAX_CATCH_UP_S = 0.1  #: longest simulated step; a longer pause of the loop pauses the simulation
-
-
-class HandTarget(Protocol):
-    """Goal of the simulated hand for the mover, such as a pointer's."""
-
-    @property
-    def p(self) -> Array:
-        """(3,) [m]."""
-
-    @property
-    def q(self) -> Array:
-        """(4,) quaternion (x, y, z, w) of R_SR."""
-
-    @property
-    def stamp(self) -> float:
-        """Timestamp on the loop's clock [s]."""
-
-    @property
-    def held(self) -> bool:
-        """Whether the user holds the pointer."""
-
-    @property
-    def still(self) -> bool:
-        """Whether the hand rests and yields to forces."""
-
-    @property
-    def grip(self) -> float:
-        """Opening to which thumb and finger of a gripper move [m]; NaN: they are relaxed."""
 
 
 @final
@@ -79,7 +51,7 @@ class SimDriver(Driver):
     simulated = True
 
     def __init__(
-        self, simulation: Simulation, period: float, goal: Callable[[float], HandTarget] | None = None, *, seed: int = 0
+        self, simulation: Simulation, period: float, goal: Callable[[float], HandGoal] | None = None, *, seed: int = 0
     ) -> None:
         if not (np.isfinite(period) and 0.0 < period <= _MAX_CATCH_UP_S):
             raise InputError(f"period of the servo must be above 0 and at most {_MAX_CATCH_UP_S} s; got {period} s")
@@ -94,7 +66,7 @@ class SimDriver(Driver):
 
     @classmethod
     def of(
-        cls, device: Device, period: float, goal: Callable[[float], HandTarget] | None = None, seed: int = 0
+        cls, device: Device, period: float, goal: Callable[[float], HandGoal] | None = None, seed: int = 0
     ) -> SimDriver:
         """Make the driver of a simulated `device`; DeviceError if its kind cannot be simulated.
 
@@ -114,7 +86,7 @@ class SimDriver(Driver):
         self._hand = RelaxedHand()
         self._ready: Sample | None = None  # sample of `prepare`, not yet read by the loop
         state = self.simulation.state()
-        self._target = np.concatenate((state.p, quaternion(state.R_SR)))
+        self._hand_goal = np.concatenate((state.p, quaternion(state.R_SR)))
 
     def open(self) -> None:
         """Restart the simulation: coils off, noise from the seed."""
@@ -148,21 +120,21 @@ class SimDriver(Driver):
             raise DriverError("the simulated device is not open; use it in a `with` block or call open() first")
         if not now - now == 0.0:
             raise DriverError(f"the loop's clock must be finite; got {now}")
-        stamp, valid, target = now, True, self._target
+        stamp, valid, wanted = now, True, self._hand_goal
         if self.goal is not None:
             goal = self.goal(now)
-            target[:3], target[3:] = goal.p, goal.q
+            wanted[:3], wanted[3:] = goal.p, goal.q
             if self.simulation.gripper is not None:
                 self._grip = goal.grip
             if goal.still:
-                target[:] = self._rest(now)
+                wanted[:] = self._rest(now)
             if goal.held:
                 stamp = min(goal.stamp, now)
                 valid = stamp - stamp == 0.0
         if self._clock is None:
             if self.goal is not None:
                 with suppress(InputError):  # the hand begins at its goal, if that is a valid pose
-                    self.simulation.place(target[:3], target[3:])
+                    self.simulation.place(wanted[:3], wanted[3:])
                 if self.simulation.gripper is not None:
                     self.simulation.gripper.reset(self._grip)
             self._clock = now
@@ -183,13 +155,13 @@ class SimDriver(Driver):
 
     def _advance(self, dt: float) -> None:
         """Let `dt` [s] pass in the simulation."""
-        self.simulation.advance(dt, self._duties, self._target[:3], self._target[3:])
+        self.simulation.advance(dt, self._duties, self._hand_goal[:3], self._hand_goal[3:])
         if self.simulation.gripper is not None:
             self.simulation.gripper.advance(dt, self._squeezed, self._grip)
 
     def _rest(self, now: float) -> Array:
-        """Pose (7,) of a hand that rests at the target."""
-        place = self._hand.rest_at(self._target, now)
+        """Pose (7,) of a hand that rests at its goal."""
+        place = self._hand.rest_at(self._hand_goal, now)
         if self._hand.is_due(now):
             state = self.simulation.state()
             self._hand.yield_to(np.concatenate((state.p, quaternion(state.R_SR))), now)
@@ -201,7 +173,7 @@ class SimDriver(Driver):
             self._duties = self.simulation.quantise(duties)
         return self._duties.copy()
 
-    def squeeze(self, force: float) -> float:
+    def write_grip_force(self, force: float) -> float:
         """Command `force` [N] of the gripper until the next; return it, zero when not open or without a gripper."""
         able = self._open and self.simulation.gripper is not None  # safety: gripper-closed
         self._squeezed = force if able else 0.0
@@ -218,13 +190,13 @@ class SimDriver(Driver):
         # On a list: numpy's functions take three to ten times as long.
         return CoilState.ON if any(self._duties.tolist()) else CoilState.OFF
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Mean wrench (6,) of coils and core on the mover over the last advance [N, N·m]."""
-        return self.simulation.truth()
+        return self.simulation.wrench_actual()
 
-    def target(self) -> Array:
+    def hand_goal(self) -> Array:
         """Goal (7,) of the hand: position [m], then quaternion (x, y, z, w). Overwritten by `read`."""
-        return self._target
+        return self._hand_goal
 
 
 # --------------------------------------------------------------------------------------------------
@@ -282,9 +254,9 @@ class ImperfectTracker(Driver):
         """Apply `duties` (m,), −1…1 [1], as `inner` does; return those applied (m,)."""
         return self._inner.write(duties)
 
-    def squeeze(self, force: float) -> float:
+    def write_grip_force(self, force: float) -> float:
         """As `inner` does, `force` [N]."""
-        return self._inner.squeeze(force)
+        return self._inner.write_grip_force(force)
 
     @property
     def coil_state(self) -> CoilState:
@@ -304,13 +276,13 @@ class ImperfectTracker(Driver):
         """As `inner` does."""
         self._inner.cool()
 
-    def truth(self) -> Array:
+    def wrench_actual(self) -> Array:
         """Wrench (6,) of `inner` [N, N·m]."""
-        return self._inner.truth()
+        return self._inner.wrench_actual()
 
-    def target(self) -> Array:
+    def hand_goal(self) -> Array:
         """Goal (7,) of `inner`: position [m], quaternion."""
-        return self._inner.target()
+        return self._inner.hand_goal()
 
 
 load_compiler()  # at import, so that no device waits for it

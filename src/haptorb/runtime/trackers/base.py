@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from math import nan
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from haptorb.arrays import Array, record
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 
 if TYPE_CHECKING:
     from haptorb.estimation.tracker_frame import TrackerFrame
@@ -16,7 +14,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Feed",
     "FramedFeed",
-    "Goal",
     "RawPose",
     "RejectedPose",
     "Tracker",
@@ -63,7 +60,7 @@ class Feed(ABC):
     Attributes
     ----------
     one_tool : bool
-        False: the poses are pointer targets, which may jump; a jump then does not count as a loss.
+        False: the poses are hand goals, which may jump; a jump then does not count as a loss.
     """
 
     one_tool = True
@@ -74,12 +71,12 @@ class Feed(ABC):
         return ""
 
     @abstractmethod
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         """Receive poses, in order of arrival.
 
         Parameters
         ----------
-        patience : float
+        timeout : float
             Longest time to wait for the first pose [s].
 
         Yields
@@ -109,9 +106,9 @@ class TransformedFeed(Feed):
     def transform(self, pose: RawPose) -> RawPose:
         """Return the transformed pose; an impossible one is passed on unchanged, for the filter to reject."""
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         """Receive poses from the feed, and transform them."""
-        for one in self._feed.receive(patience):
+        for one in self._feed.receive(timeout):
             yield one if isinstance(one, RejectedPose) or not one.valid else self.transform(one)
 
     @property
@@ -148,26 +145,6 @@ class FramedFeed(TransformedFeed):
 # real tool (`pose`). Both have a timestamp, and both may be unknown: no tracker ever makes one up.
 
 
-@record
-class Goal:
-    """Goal of the simulated hand for the tool, with its timestamp.
-
-    p      (3,) tool's magnet centre [m], frame S
-    q      (4,) quaternion (x, y, z, w) of R_SR
-    stamp  time of the goal on the loop's clock [s]: a pointer that is no longer refreshed ages
-    held   the user holds the pointer; False: the guided motion
-    still  the guided motion is over, and the hand rests: it yields to forces
-    grip   opening to which thumb and finger of a gripper move [m]; NaN: they are relaxed
-    """
-
-    p: Array
-    q: Array
-    stamp: float
-    held: bool
-    still: bool = False
-    grip: float = nan
-
-
 class Tracker(ABC):
     """Base class of trackers, which are read in every tick: all methods are non-blocking.
 
@@ -177,7 +154,7 @@ class Tracker(ABC):
     origin: float = 0.0
 
     @abstractmethod
-    def goal(self, now: float) -> Goal:
+    def goal(self, now: float) -> HandGoal:
         """The hand's goal for the mover at `now` [s] on the loop's clock; a stamp that is not finite: unknown."""
 
     @abstractmethod

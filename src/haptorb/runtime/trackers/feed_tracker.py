@@ -9,22 +9,22 @@ import numpy as np
 from haptorb.arrays import Array
 from haptorb.compiled import kernel
 from haptorb.errors import InputError
-from haptorb.estimation.types import Pose
+from haptorb.estimation.types import HandGoal, Pose
 from haptorb.runtime.shared_memory import PoseBlock
-from haptorb.runtime.trackers.base import Goal, Tracker
+from haptorb.runtime.trackers.base import Tracker
 
-__all__ = ["FARTHEST", "PREDICTION", "FeedTracker", "check_prediction"]
+__all__ = ["MAX_PREDICTION_S", "PREDICTION", "FeedTracker", "check_prediction"]
 
 PREDICTION = 0.004  #: longest prediction of a pose, by default [s]
-FARTHEST = 0.020  #: longest useful prediction of a hand [s]
+MAX_PREDICTION_S = 0.020  #: longest useful prediction of a hand [s]
 
 _NOWHERE = float("-inf")
 
 
 def check_prediction(seconds: float) -> float:
     """Return `seconds`; raise InputError if it is not a valid prediction time."""
-    if not 0.0 <= seconds <= FARTHEST:
-        raise InputError(f"prediction must be from 0 to {1e3 * FARTHEST:g} ms; got {1e3 * seconds:g} ms")
+    if not 0.0 <= seconds <= MAX_PREDICTION_S:
+        raise InputError(f"prediction must be from 0 to {1e3 * MAX_PREDICTION_S:g} ms; got {1e3 * seconds:g} ms")
     return float(seconds)
 
 
@@ -80,10 +80,10 @@ class FeedTracker(Tracker):
         self._v, self._w = record.v, record.w
         return min(stamp, now)  # safety: prediction-age
 
-    def goal(self, now: float) -> Goal:
+    def goal(self, now: float) -> HandGoal:
         """Goal of the hand for the mover; a simulated hand stays at its last goal while the tracker has no pose."""
         stamp = self._read_pose(now)
-        return Goal(self._p, self._q, stamp, True)
+        return HandGoal(self._p, self._q, stamp, True)
 
     def pose(self, now: float) -> Pose:
         """Pose of the tool; not valid before the tracker's first pose and after it lost the tool."""

@@ -202,21 +202,21 @@ class LslFeed(Feed):
                 self._inlet, self._uid = _open_inlet(found[0]), str(found[0].uid())
                 self._clock, self._other_clock, self._foreign = SenderClock(), SenderClock(), ""
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """Receive up to 64 samples; wait for the first for at most `patience` [s]."""
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
+        """Receive up to 64 samples; wait for the first for at most `timeout` [s]."""
         self._find_others()
         if self._inlet is None:
-            sleep(patience)
+            sleep(timeout)
             return
         for _ in range(_MAX_BATCH):
             try:
-                values, sent = self._inlet.pull_sample(timeout=patience)
+                values, sent = self._inlet.pull_sample(timeout=timeout)
             except Exception:  # the stream is lost: the last pose expires
                 self.close()
                 return
             if values is None:
                 return
-            arrival, patience = monotonic(), 0.0
+            arrival, timeout = monotonic(), 0.0
             numbers = [float(x) for x in values]
             stamp = self._stamp(float(sent), arrival, numbers)
             if len(numbers) == 8 and not numbers[7] > 0.5:

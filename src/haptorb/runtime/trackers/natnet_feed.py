@@ -113,13 +113,13 @@ class NatNetFeed(Feed):
         self._missing = ""  # why the last frame has no pose
         self._alive = float("-inf")
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """Receive up to 64 packets; wait for the first for at most `patience` [s]."""
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
+        """Receive up to 64 packets; wait for the first for at most `timeout` [s]."""
         if monotonic() - self._alive > _KEEP_ALIVE_INTERVAL_S:
             self._alive = monotonic()
             with suppress(OSError):  # the server has ended: no more packets
                 self._socket.send(_encode_request(_KEEPALIVE))
-        select.select([self._socket], [], [], patience)
+        select.select([self._socket], [], [], timeout)
         self._times.begin_batch()
         trusted: bool | None = None  # checked in each batch: another program may have taken over the server's port
         for _ in range(_BURST):

@@ -173,9 +173,9 @@ class OscFeed(Feed):
         """Remark on an unknown message, or why the sender's times are not used; else empty."""
         return (self._reader.remark if self._reader else self._other) or self._clock.remark
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """Receive up to 256 datagrams; wait for the first for at most `patience` [s]."""
-        select.select([self._socket], [], [], patience)
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
+        """Receive up to 256 datagrams; wait for the first for at most `timeout` [s]."""
+        select.select([self._socket], [], [], timeout)
         self._times.begin_batch()
         known: dict[object, bool] = {}  # sender → whether it is accepted; checked in each batch
         for _ in range(_MAX_BATCH):

@@ -19,7 +19,7 @@ from haptorb.control.trip_reasons import Trip
 from haptorb.runtime.shared_memory import PoseBlock, PoseRecord
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.registry import has_feed
-from haptorb.runtime.trackers.sender_clock import RESTART_SILENCE
+from haptorb.runtime.trackers.sender_clock import RESTART_GAP_S
 
 __all__ = ["REASONS", "PoseFilter", "describe_missing_pose", "describe_source", "describe_trip"]
 
@@ -71,9 +71,9 @@ class PoseFilter:
         self._intervals: deque[float] = deque(maxlen=_LENGTH)
         self._delays: deque[float] = deque(maxlen=_LENGTH)
 
-    def listen(self, patience: float) -> None:
-        """Process the messages that arrive within `patience` [s]."""
-        for one in self._feed.receive(patience):
+    def listen(self, timeout: float) -> None:
+        """Process the messages that arrive within `timeout` [s]."""
+        for one in self._feed.receive(timeout):
             if isinstance(one, RejectedPose):
                 self.refused[one.why] += 1
             else:
@@ -81,7 +81,7 @@ class PoseFilter:
 
     def _accept(self, raw: RawPose) -> None:
         why = "" if isfinite(raw.stamp) and isfinite(raw.arrival) else "not_finite"
-        if not why and raw.arrival - self._arrival > RESTART_SILENCE:
+        if not why and raw.arrival - self._arrival > RESTART_GAP_S:
             self._stamp = float("-inf")
         if not why and raw.valid:
             why = _find_fault(raw)

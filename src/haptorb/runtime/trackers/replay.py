@@ -54,13 +54,13 @@ class ReplayFeed(Feed):
     def __init__(self, rows: Array, origin: float) -> None:
         self._rows, self._origin, self._at = rows, origin, 0
 
-    def receive(self, patience: float) -> Iterator[RawPose | RejectedPose]:
-        """Yield the poses that are due; wait for the next for at most `patience` [s]."""
+    def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
+        """Yield the poses that are due; wait for the next for at most `timeout` [s]."""
         rows = self._rows
         if self._at >= len(rows):
-            sleep(patience)
+            sleep(timeout)
             return
-        sleep(min(max(self._origin + float(rows[self._at, 0]) - monotonic(), 0.0), patience))
+        sleep(min(max(self._origin + float(rows[self._at, 0]) - monotonic(), 0.0), timeout))
         while self._at < len(rows) and self._origin + rows[self._at, 0] <= (now := monotonic()):
             _, measured, *pose, valid = rows[self._at].tolist()
             self._at += 1

@@ -10,10 +10,10 @@ from __future__ import annotations
 from math import ulp
 from typing import final
 
-__all__ = ["RESTART_SILENCE", "SenderClock"]
+__all__ = ["RESTART_GAP_S", "SenderClock"]
 
 
-RESTART_SILENCE = 0.25  #: silence after which the sender may have restarted, with another clock [s]
+RESTART_GAP_S = 0.25  #: silence after which the sender may have restarted, with another clock [s]
 
 _MAX_RESOLUTION_S = 1e-4  #: coarsest valid resolution of a timestamp
 _MAX_REPEATS = 2  #: successive different poses with the same timestamp that show that it is rounded
@@ -56,7 +56,7 @@ class SenderClock:
         Both times must be finite. A time that is coarser than 0.1 ms, or that several successive different poses have
         in common, is not used: the pose then has the time of its arrival.
         """
-        if arrival - self._last > RESTART_SILENCE:
+        if arrival - self._last > RESTART_GAP_S:
             self._least = self._before = float("inf")
             self._repeated, self.remark = 0, ""
         self._last = arrival

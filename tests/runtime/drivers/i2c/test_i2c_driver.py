@@ -136,7 +136,7 @@ class WarningLog:
         self.gone = self.ended = False
         self.beats: list[bool] = []
 
-    def wait_until_ready(self, patience: float) -> bool:
+    def wait_until_ready(self, timeout: float) -> bool:
         return not self.ended
 
     def beat(self, engaged: bool) -> None:
@@ -147,7 +147,7 @@ class WarningLog:
     def leave(self) -> None:
         return
 
-    def end(self, patience: float) -> bool:
+    def end(self, timeout: float) -> bool:
         self.ended = True
         return True
 
@@ -190,11 +190,11 @@ def test_a_guardian_that_has_gone_means_no_current_until_there_is_another() -> N
         assert bench.pwm.duties() == pytest.approx(SOME, abs=1e-3)
 
 
-def start_watch(patience: float) -> tuple[int, list[float], threading.Thread, list[bool]]:
+def start_watch(timeout: float) -> tuple[int, list[float], threading.Thread, list[bool]]:
     read, write = os.pipe()
     off: list[float] = []
     ended: list[bool] = []
-    thread = threading.Thread(target=lambda: ended.append(watch(read, lambda: off.append(time.monotonic()), patience)))
+    thread = threading.Thread(target=lambda: ended.append(watch(read, lambda: off.append(time.monotonic()), timeout)))
     thread.start()
     return write, off, thread, ended
 

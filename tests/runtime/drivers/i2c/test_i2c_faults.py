@@ -21,7 +21,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import DriverError
 from haptorb.runtime.drivers.i2c import I2cDriver
 from haptorb.runtime.drivers.i2c_chips import Pca9685
-from haptorb.runtime.drivers.i2c_guardian import ANSWER, Guardian, switch_off, watch
+from haptorb.runtime.drivers.i2c_guardian import RESPONSE_TIMEOUT_S, Guardian, switch_off, watch
 from oracles.chips import TCA9534, Thermometers
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -215,7 +215,7 @@ def test_a_guardian_that_does_not_answer_is_noticed_by_the_clock() -> None:
     guardian.beat(False)
     now[0] = 5.0
     guardian.beat(True)  # nobody spoke for a long time, and nobody had to
-    now[0] += ANSWER
+    now[0] += RESPONSE_TIMEOUT_S
     guardian.beat(True)
     now[0] += 1e-3
     with pytest.raises(DriverError, match="did not answer for 10 ms"):

@@ -35,7 +35,7 @@ def made() -> Iterator[Make]:
 
     def make(axes: int = 3, *, opened: bool = True, **of_driver: Any) -> tuple[PretendBoard, SerialDriver]:
         board = PretendBoard(axes)
-        driver = SerialDriver(OMNI, board.path, patience=of_driver.pop("patience", 0.5), **of_driver)
+        driver = SerialDriver(OMNI, board.path, timeout=of_driver.pop("timeout", 0.5), **of_driver)
         running.append((board, driver))
         if opened:
             driver.open()
@@ -167,9 +167,9 @@ def test_a_part_that_is_missing_is_named_before_anything_flows(made: Make) -> No
 
 
 def test_three_answers_missed_in_a_row_are_a_device_that_has_gone(made: Make) -> None:
-    board, driver = made(patience=0.02)
+    board, driver = made(timeout=0.02)
     ticks(driver, SOME, 3)
-    driver._patience = 0.002
+    driver._timeout = 0.002
     board.mute = True
     with pytest.raises(DriverError, match="no response from the firmware"):
         ticks(driver, SOME, 4)
@@ -178,9 +178,9 @@ def test_three_answers_missed_in_a_row_are_a_device_that_has_gone(made: Make) ->
 
 def test_who_waits_for_an_answer_goes_on_talking(made: Make) -> None:
     # A firmware switches off after 15 ms of silence: waiting longer in silence would be the silence.
-    board, driver = made(patience=0.5)
+    board, driver = made(timeout=0.5)
     ticks(driver, SOME, 3)
-    driver._patience = 0.2
+    driver._timeout = 0.2
     board.heard.clear()
     board.mute = True
     ticks(driver, SOME, 2)
@@ -194,18 +194,18 @@ def test_who_waits_for_an_answer_goes_on_talking(made: Make) -> None:
 
 
 def test_a_late_answer_is_as_good_as_that_to_the_last_question(made: Make) -> None:
-    board, driver = made(patience=0.5)
+    board, driver = made(timeout=0.5)
     ticks(driver, SOME, 3)
-    driver._patience, board.late = 0.4, 0.012  # later than a question is asked again
+    driver._timeout, board.late = 0.4, 0.012  # later than a question is asked again
     assert len(ticks(driver, SOME, 6)) == 6
     assert driver._lost == 0
     board.late = 0.0
-    driver._patience = 0.5
+    driver._timeout = 0.5
     ticks(driver, SOME, 10)  # until what was late has come, too
 
 
 def test_who_waits_at_rest_asks_and_engages_nothing(made: Make) -> None:
-    board, driver = made(patience=0.02)
+    board, driver = made(timeout=0.02)
     ticks(driver, OFF, 3)
     driver.read(1.0)  # nothing is on its way any more
     board.heard.clear()
@@ -226,8 +226,8 @@ def test_at_rest_the_answer_is_there_when_the_next_tick_reads(made: Make) -> Non
 
 
 def test_a_silent_board_at_rest_is_given_more_time(made: Make) -> None:
-    board, driver = made(patience=0.02)
-    driver._patience = 0.002
+    board, driver = made(timeout=0.02)
+    driver._timeout = 0.002
     board.mute = True
     ticks(driver, OFF, 19)
     with pytest.raises(DriverError, match="no response from the firmware"):
@@ -289,7 +289,7 @@ def test_duties_have_one_entry_per_coil(made: Make) -> None:
 
 
 def test_the_coils_state_is_what_the_firmware_says_and_unknown_without_a_word(made: Make) -> None:
-    board, driver = made(opened=False, patience=0.05)
+    board, driver = made(opened=False, timeout=0.05)
     assert driver.coil_state is CoilState.UNKNOWN
     driver.open()
     assert driver.coil_state is CoilState.OFF
@@ -319,7 +319,7 @@ def test_the_coils_state_is_what_the_firmware_says_and_unknown_without_a_word(ma
 
 
 def test_a_board_that_does_not_say_goodbye_leaves_the_state_unknown(made: Make) -> None:
-    board, driver = made(patience=0.05)
+    board, driver = made(timeout=0.05)
     driver.close()
     assert driver.coil_state is CoilState.OFF
     driver.open()

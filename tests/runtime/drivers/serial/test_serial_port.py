@@ -89,28 +89,28 @@ def identity(protocol: int = PROTOCOL_VERSION, name: bytes = b"haptorb") -> Call
 def test_another_program_at_the_other_end_is_told(answering: Callable[..., str]) -> None:
     port = answering(lambda data: b"AT OK\r\n")
     with pytest.raises(DriverError, match=r"not haptorb's firmware .*another port or flash"):
-        Board(port, patience=0.3)
+        Board(port, timeout=0.3)
 
 
 def test_silence_is_told(answering: Callable[..., str]) -> None:
     port = answering(lambda data: b"")
     with pytest.raises(DriverError, match=r"nothing responds .* powered"):
-        Board(port, patience=0.3)
+        Board(port, timeout=0.3)
 
 
 def test_a_firmware_of_another_version_is_told_with_both(answering: Callable[..., str]) -> None:
     port = answering(identity(protocol=PROTOCOL_VERSION + 1))
     with pytest.raises(DriverError, match=rf"version {PROTOCOL_VERSION + 1}.* version {PROTOCOL_VERSION}.*flash"):
-        Board(port, patience=0.3)
+        Board(port, timeout=0.3)
 
 
 def test_a_device_of_another_name_is_told(answering: Callable[..., str]) -> None:
     port = answering(identity(name=b"toaster"))
     with pytest.raises(DriverError, match="identifies itself as 'toaster'"):
-        Board(port, patience=0.3)
+        Board(port, timeout=0.3)
 
 
 def test_a_device_that_falls_silent_in_the_middle_is_told(answering: Callable[..., str]) -> None:
     port = answering(identity())  # says who it is, and nothing else
     with pytest.raises(DriverError, match="does not respond; check the cable"):
-        Board(port, patience=0.3)
+        Board(port, timeout=0.3)

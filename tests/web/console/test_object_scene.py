@@ -11,7 +11,7 @@ from haptorb.beams import compute_bent_shape
 from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.recording.row import RowLayout
-from haptorb.web.session import target_scene
+from haptorb.web.session import object_scene
 from haptorb.web.wire import COLUMNS, MODED, Columns
 from haptorb.worlds import CATALOGUE, Outlet, SnapFit
 
@@ -23,15 +23,15 @@ def hook_of(scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_every_world_has_a_scene_of_plain_json_or_none():
     for name in CATALOGUE:
-        scene = target_scene(name, {})
+        scene = object_scene(name, {})
         json.dumps(scene, allow_nan=False)
         assert (scene is None) == (name not in ("outlet", "snap_fit"))
-    assert target_scene("a world that nobody made", {}) is None
+    assert object_scene("a world that nobody made", {}) is None
 
 
 @pytest.mark.parametrize("name", ["outlet", "snap_fit"])
 def test_hooks_bend_as_computed_and_give_way_by_one_where_they_are_touched(name):
-    scene = target_scene(name, {})
+    scene = object_scene(name, {})
     along, _, bends = hook_of(scene)
     hook = CATALOGUE[name]().hook
     for place, bend in zip(scene["at"], bends, strict=True):
@@ -43,7 +43,7 @@ def test_hooks_bend_as_computed_and_give_way_by_one_where_they_are_touched(name)
 
 
 def test_drawn_hook_of_the_outlet_meets_the_drawn_plug_where_the_world_says_they_touch():
-    world, scene = Outlet(), target_scene("outlet", {})
+    world, scene = Outlet(), object_scene("outlet", {})
     along, section, bends = hook_of(scene)
     state = State.at((0.004, 0, 0), R_SR=np.eye(3), v=(0.01, 0, 0))
     _, hooks = world.render_contacts(state)
@@ -57,7 +57,7 @@ def test_drawn_hook_of_the_outlet_meets_the_drawn_plug_where_the_world_says_they
 
 
 def test_drawn_hook_of_the_snap_fit_meets_the_edge():
-    world, scene = SnapFit(), target_scene("snap_fit", {})
+    world, scene = SnapFit(), object_scene("snap_fit", {})
     along, section, bends = hook_of(scene)
     _, hooks = world.render_contacts(State.at((0.0032, 0, 0), R_SR=np.eye(3), v=(0.01, 0, 0)))
     deflection, place, x, y = hooks[0, :4]
@@ -69,9 +69,9 @@ def test_drawn_hook_of_the_snap_fit_meets_the_edge():
 
 
 def test_scene_follows_the_values():
-    thick = target_scene("outlet", {"thickness": 0.9e-3})
+    thick = object_scene("outlet", {"thickness": 0.9e-3})
     assert thick["section"][0] == pytest.approx(0.9e-3)
-    assert target_scene("outlet", {"opening": 9e-3}) is None, "a world that cannot be has no picture"
+    assert object_scene("outlet", {"opening": 9e-3}) is None, "a world that cannot be has no picture"
 
 
 def test_only_devices_with_modes_send_the_target():
