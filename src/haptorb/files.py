@@ -471,11 +471,15 @@ def make_private_folder(prefix: str) -> Path:
     In the temporary folder; in the cache folder of this account, if others may rename what is in that one. Raises
     HaptorbError if they may in both.
     """
-    folder = Path(tempfile.mkdtemp(prefix=prefix))
-    shared = explain_shared(folder)
-    if not shared:  # safety: private-temporary
-        return folder
-    folder.rmdir()
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=prefix))
+        shared = explain_shared(folder)
+        if not shared:  # safety: private-temporary
+            return folder
+        with suppress(FileNotFoundError):
+            folder.rmdir()
+            break
+        # Another program that starts removed it: it has no lock yet, as one that is left behind.
     try:
         return Path(tempfile.mkdtemp(prefix=prefix, dir=private_folder("temporary")))
     except PermissionError as cause:

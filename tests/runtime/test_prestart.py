@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from haptorb import files
 from haptorb.cli import main
 from haptorb.errors import InputError, ServoError
 from haptorb.runtime.prestart import PrestartedProcess
@@ -122,3 +124,23 @@ def test_a_mistake_on_the_command_line_leaves_nothing(folders: Path, capsys: pyt
     assert main(["run", "omni", "--world", "dme", "--headless", "--duration", "1"]) == 2
     assert "dome" in capsys.readouterr().err
     assert list(folders.iterdir()) == []
+
+
+def test_a_folder_that_another_start_removed_before_it_was_locked_is_made_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    removed = list[Path]()
+    explain = files.explain_shared
+
+    def remove_and_explain(folder: Path) -> str:
+        if not removed:
+            removed.append(folder)
+            folder.rmdir()
+        return explain(folder)
+
+    monkeypatch.setattr(files, "explain_shared", remove_and_explain)
+    made = files.make_private_folder("haptorb-servo-")
+    assert made.is_dir()
+    assert removed
+    assert made != removed[0]

@@ -75,6 +75,7 @@ def test_a_task_that_is_cancelled_while_the_servo_starts_leaves_nothing_running(
         task = asyncio.create_task(use())
         while not wants.is_set():
             await asyncio.sleep(0.001)
+            assert not task.done(), "the start failed"
         task.cancel()
         await asyncio.sleep(0.01)
         task.cancel()  # somebody is impatient
@@ -144,6 +145,7 @@ def test_a_start_that_is_cancelled_is_stopped_at_once(fake_servo: Any, monkeypat
         task = asyncio.create_task(use())
         while not wants.is_set():
             await asyncio.sleep(0.001)
+            assert not task.done(), "the start failed"
         task.cancel()
         await asyncio.sleep(0.01)
         words = made.servo._shared.words
