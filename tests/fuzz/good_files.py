@@ -96,8 +96,8 @@ def fill_whole(folder: Path) -> None:
         if code:
             raise AssertionError(f"{words} did not make a good file")
     # whole in one file: else the answers lie in the log beside it
-    for name in (NAMES[K.RESULTS], NAMES[K.STUDY_DATABASE], "second.db"):
-        with contextlib.closing(sqlite3.connect(folder / name)) as made:
+    for place in (NAMES[K.RESULTS], NAMES[K.STUDY_DATABASE], "second.db"):
+        with contextlib.closing(sqlite3.connect(folder / place)) as made:
             made.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
