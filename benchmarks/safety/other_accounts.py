@@ -30,7 +30,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -293,7 +293,10 @@ class StudyRun:
             if url.strip().startswith("http"):
                 self.urls[who] = url.strip()
         self.tokens = [one.partition("#")[2] for one in self.urls.values()]
-        self._page = connect(f"ws://127.0.0.1:{self.ports['study']}/ws/participant", open_timeout=60)
+        self._stack = ExitStack()
+        self._page = self._stack.enter_context(
+            connect(f"ws://127.0.0.1:{self.ports['study']}/ws/participant", open_timeout=60)
+        )
         self._page.send(self.tokens[0])
 
     def close(self) -> str:
@@ -303,7 +306,7 @@ class StudyRun:
             while True:
                 told = json.loads(self._page.recv(timeout=1.0))
                 view = told["is"] if told["event"] == "view" else view
-        self._page.close()
+        self._stack.close()
         self.process.send_signal(signal.SIGINT)
         self.process.communicate(timeout=30.0)
         fine = view.get("state") == "waiting" and not view["watching"]
