@@ -53,7 +53,7 @@ def locate_recording(folder: Path, part: str) -> Path | None:
 
     >>> locate_recording(Path("a"), "b/dome-session-3-trial-12.mcap#t=0,1").as_posix()
     'a/dome-session-3-trial-12.mcap'
-    >>> locate_recording(Path("a"), "/home/anna/thesis.tex")
+    >>> locate_recording(Path("a"), "/elsewhere/thesis.tex")
     """
     # Older versions stored the path relative to the folder in which the session was started.
     name = Path(part.partition("#t=")[0]).name
