@@ -111,10 +111,10 @@ def test_a_damaged_field_is_one_message(
         (folder / "study.db").write_bytes(good)
         with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
             found.execute(
-                "INSERT INTO copies (kind, place, study, settings, at) VALUES ('export', '/a', '', '{}', 't')"
+                "INSERT OR IGNORE INTO copies (kind, place, study, settings, at) VALUES ('export', '/a', '', '{}', 't')"
             )
             found.execute(
-                "INSERT INTO withdrawn (study, code, ordinal, at, text) SELECT digest, 'P99', 9, 't', '' FROM studies"
+                "INSERT OR IGNORE INTO withdrawn (study, code, ordinal, at, text) SELECT digest, 'P99', 9, 't', '' FROM studies"
             )
             found.execute(f"UPDATE {table} SET {column} = ? WHERE rowid = (SELECT min(rowid) FROM {table})", (value,))
         before = (folder / "study.db").read_bytes()
