@@ -397,6 +397,8 @@ RULES = [
     ("listed-once", "a record listed again is not made again", "never", HOSTILE),
     ("memory-columns", "worlds have no more memory than rows", "never", HOSTILE),
     ("recording-own-name", "a withdrawal deletes recordings of haptorb only", "always", DATABASES),
+    ("no-strange-host", "a withdrawal connects to no server that a file names", "never", DATABASES),
+    ("same-person", "a withdrawal follows the same person into other databases only", "never", DATABASES),
     (
         "withdrawn-names",
         "the name of a study is no pattern",

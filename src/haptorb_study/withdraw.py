@@ -77,6 +77,7 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
     try:
         study = read_study(engine, name)
         session = _find_session(engine, study, code)
+        drawn = _read_session(engine, session)
         claims = [] if session is None else [lock_session(engine, session)]
         try:
             files, shared, others = _list_recordings(engine, place, session)
@@ -106,8 +107,12 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
             elif _identity(copy.place) not in visited:
                 visited.add(_identity(copy.place))
                 there = str(copy.settings["codes"].get(code, "")) if "codes" in copy.settings else code
-                if there:
-                    _follow(copy, there, study, visited, databases, left, gone)
+                if there and "://" in copy.place and "://" not in str(place):  # safety: no-strange-host
+                    left.append(
+                        f"{mask_password(copy.place)}: a file does not connect to a server; withdraw {there} there"
+                    )
+                elif there:
+                    _follow(copy, there, drawn, study, visited, databases, left, gone)
         done = Withdrawal(
             code, study.name, trial_count, reply_count, tuple(gone), tuple(exports), tuple(databases), tuple(left)
         )  # fmt: skip
@@ -146,6 +151,13 @@ def _find_session(engine: Engine, study: Study, code: str) -> int | None:
     raise RecordingError(
         f"study '{study.name}' has no participant '{code}' in this database: nothing was removed{hint}"
     )
+
+
+def _read_session(engine: Engine, session: int | None) -> tuple[str, str] | None:
+    """Start and plan of a session: they identify a person in copies, whatever the code is there."""
+    with engine.connect() as connection:
+        row = connection.execute(select(sessions.c.started, sessions.c.plan).where(sessions.c.id == session)).first()
+    return None if row is None else (row.started, row.plan)
 
 
 def _list_recordings(
@@ -243,9 +255,11 @@ def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: 
 
 
 def _follow(
-    copy: Copy, code: str, study: Study, visited: set[str], databases: list[str], left: list[str], gone: list[str]
-) -> None:
-    """Remove the participant from another database, where the code is `code`."""
+    copy: Copy, code: str, drawn: tuple[str, str] | None, study: Study, visited: set[str], databases: list[str],
+    left: list[str], gone: list[str],
+) -> None:  # fmt: skip
+    """Remove the participant from another database, where the code is `code`, if it is the same person there: the
+    session has the start and the plan `drawn`. A stranger who wrote this database chose both place and code."""
     if "://" not in copy.place and not Path(copy.place).is_file():
         left.append(f"{copy.place}: this database no longer exists; if it was moved, withdraw {code} there")
         return
@@ -257,8 +271,15 @@ def _follow(
                 known = set(connection.execute(query).scalars())
             if code not in known:
                 return
+            session = _find_session(engine, study, code)
+            if drawn is None or _read_session(engine, session) != drawn:  # safety: same-person
+                why = "was withdrawn here before" if drawn is None else "has another session there"
+                left.append(
+                    f"{mask_password(copy.place)}: {code} {why}; if it is the same person, withdraw {code} there"
+                )
+                return
             if copy.kind == "backup":  # its exports and recordings are those of the original
-                _remove_rows(engine, study, code, _find_session(engine, study, code))
+                _remove_rows(engine, study, code, session)
                 _erase(engine)
                 databases.append(copy.place)
                 return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import socket
 import sqlite3
 import struct
 from contextlib import closing
@@ -248,6 +249,49 @@ def test_the_name_of_a_study_matches_no_other_recordings(folder: Path, name: str
         (code,) = found.execute("SELECT code FROM participants WHERE ordinal = 0").fetchone()
     assert run(f"study withdraw study.db {code} --yes --study one") == 0
     assert [path.read_text() for path in kept] == ["others'"] * 2
+
+
+@pytest.mark.parametrize("kind", ["backup", "merged", "source"])
+@pytest.mark.parametrize("again", [False, True])
+def test_a_withdrawal_removes_nobody_from_a_database_that_a_strangers_names(
+    folder: Path, kind: str, again: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It names the code there, too: of somebody else."""
+    mine = folder / "mine.db"
+    shutil.copy(folder / "study.db", mine)
+    with closing(sqlite3.connect(mine)) as found:
+        one, other = (row[0] for row in found.execute("SELECT code FROM participants ORDER BY id"))
+        people = found.execute("SELECT count(*) FROM trials").fetchone()
+    codes = json.dumps({} if kind == "backup" else {"codes": {one: other}})
+    change(folder / "study.db", "UPDATE sessions SET started = '2026-01-01T00:00:00.000+00:00'")
+    if again:
+        assert run(f"study withdraw study.db {one} --yes") == 0
+    change(
+        folder / "study.db",
+        f"INSERT INTO copies (kind, place, study, settings, at) VALUES ('{kind}', '{mine}', '', '{codes}', 't')",
+    )
+    capsys.readouterr()
+    assert run(f"study withdraw study.db {one} --yes") == 0
+    assert f"withdraw {one if kind == 'backup' else other} there" in capsys.readouterr().err
+    with closing(sqlite3.connect(mine)) as found:
+        assert found.execute("SELECT count(*) FROM participants").fetchone() == (2,)
+        assert found.execute("SELECT count(*) FROM trials").fetchone() == people
+
+
+def test_a_withdrawal_connects_to_no_server_that_a_file_names(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        place = f"postgresql://127.0.0.1:{server.getsockname()[1]}/x?connect_timeout=2"
+        change(
+            folder / "study.db",
+            f"INSERT INTO copies (kind, place, study, settings, at) VALUES ('merged', '{place}', '', '{{}}', 't')",
+        )
+        with closing(sqlite3.connect(folder / "study.db")) as found:
+            (code,) = found.execute("SELECT code FROM participants").fetchone()
+        assert run(f"study withdraw study.db {code} --yes") == 0
+        assert f"withdraw {code} there" in capsys.readouterr().err
+        server.settimeout(0.0)
+        with pytest.raises(BlockingIOError):
+            server.accept()
 
 
 @pytest.mark.parametrize("end", ["csv", "parquet"])
