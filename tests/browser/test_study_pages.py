@@ -149,6 +149,9 @@ def test_a_session_by_keyboard_and_by_pointer(browser: Any, run: Run, folder: Pa
     stranger.goto(experimenter_page.url.split("#")[0])
     stranger.get_by_text("the address that the terminal printed").first.wait_for()
     assert stranger.locator("#begin-panel").is_hidden()
+    stranger.goto(page.url.split("#")[0])
+    stranger.get_by_text("the address that the terminal printed").first.wait_for()
+    assert stranger.locator("#stop").is_hidden()
     stranger.close()
 
     experimenter_page.get_by_label("Code, never a name").fill("Anna")

@@ -207,7 +207,7 @@ element("confirm").addEventListener("submit", (event) => {
 
 function renderMessage(): void {
   const question = view.question ? view.question.name : "";
-  const key = `${view.session} ${view.state} ${question} ${view.watching} ${view.stopped} ${view.unconfirmed} ${view.stored}`;
+  const key = `${view.session} ${view.state} ${question} ${view.watching} ${view.stopped} ${view.unconfirmed} ${view.stored} ${refusal}`;
   const state = view.stopped && hasDevice(view.state) ? "paused" : view.watching ? "watching" : view.state;
   if (state === "break") setText("message-text", `${view.left ?? 0} s. Rest your hand.`);
   if (key === messageKey) return;
