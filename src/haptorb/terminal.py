@@ -260,7 +260,7 @@ def queue_output() -> Iterator[None]:
     for one in before:
         with suppress(OSError, ValueError):
             one.flush()
-    output = _OutputQueue()
+    output = _OutputQueue(before[1])
     streams = tuple(cast("TextIO", _QueuedStream(one, output)) for one in before)
     sys.stdout, sys.stderr = streams
     try:
@@ -277,7 +277,8 @@ def queue_output() -> Iterator[None]:
 class _OutputQueue:
     """Thread that writes text in the order in which it was printed."""
 
-    def __init__(self) -> None:
+    def __init__(self, errors: TextIO) -> None:
+        self._errors = errors  #: for the note on what was left out
         self._pieces: SimpleQueue[tuple[TextIO, str] | None] = SimpleQueue()
         self._changing = RLock()  # never held while something is written; handlers of signals print, too
         self._queued = self._left_out = 0  # [characters]
@@ -288,13 +289,15 @@ class _OutputQueue:
     def put(self, stream: TextIO, text: str) -> None:
         """Enqueue `text`, or leave it out where too much waits already."""
         with self._changing:
-            if self._ended:
-                _write(stream, text)
-            elif self._queued + len(text) > _MAX_QUEUED_CHARACTERS:
-                self._left_out += len(text)
-            else:
-                self._queued += len(text)
-                self._pieces.put((stream, text))
+            if not self._ended:
+                if self._queued and self._queued + len(text) > _MAX_QUEUED_CHARACTERS:
+                    self._left_out += len(text)
+                else:
+                    self._queued += len(text)
+                    self._pieces.put((stream, text))
+                return
+        self._thread.join()  # what was printed before comes first
+        _write(stream, text)
 
     def end(self) -> None:
         """Wait until everything is written; later text is written at once."""
@@ -311,7 +314,7 @@ class _OutputQueue:
                 self._queued -= len(text)
                 left_out, self._left_out = self._left_out, 0
             if left_out:
-                _write(stream, _LEFT_OUT.format(left_out))
+                _write(self._errors, _LEFT_OUT.format(left_out))
 
 
 @final

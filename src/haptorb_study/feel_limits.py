@@ -121,7 +121,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
     At the maximum gain a gain margin of `check.MIN_STABILITY_MARGIN` remains, and the peak force reaches the device's
     torque limit.
     """
-    from haptorb.cli.check_world import MIN_STABILITY_MARGIN
+    from haptorb.analysis.stability import MIN_STABILITY_MARGIN
     from haptorb_study.feel import course
     from haptorb_study.feel.torque_scale import ScaleLimits
 
@@ -131,8 +131,10 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         return ScaleLimits(1.0, "the stability check did not finish", scale.hand_per_part)
     stable = margin / MIN_STABILITY_MARGIN
     if stable < full:
-        kept = f"a factor of {MIN_STABILITY_MARGIN:g} is kept to it"
-        reason = f"higher would vibrate: in a light grip from {margin:.3g}, and {kept}"
+        reason = (
+            f"in a light grip the handle vibrates from {margin:.3g}; "
+            f"the maximum is that divided by {MIN_STABILITY_MARGIN:g}"
+        )
     else:
         reason = (
             f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "
@@ -140,9 +142,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         )
     found = min(stable, full)
     if found < 1.0:
-        reason = (
-            f"force_scale of the snap-fit file is above the largest possible one, {found:.2g} times as much: {reason}"
-        )
+        reason = f"force_scale of the snap-fit file is too large, the largest is {found:.2g} times that value: {reason}"
     return ScaleLimits(max(found, 1.0), reason, scale.hand_per_part)
 
 

@@ -108,9 +108,8 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
                 visited.add(_identity(copy.place))
                 there = str(copy.settings["codes"].get(code, "")) if "codes" in copy.settings else code
                 if there and "://" in copy.place and "://" not in str(place):  # safety: no-strange-host
-                    left.append(
-                        f"{mask_password(copy.place)}: a file does not connect to a server; withdraw {there} there"
-                    )
+                    why = "haptorb connects to no server that a file names"
+                    left.append(f"{mask_password(copy.place)}: {why}; withdraw {there} there")
                 elif there:
                     _follow(copy, there, drawn, study, visited, databases, left, gone)
         done = Withdrawal(
@@ -131,7 +130,7 @@ def _identity(place: str | Path) -> str:
 
 
 def _find_session(engine: Engine, study: Study, code: str) -> int | None:
-    """Number of the session of `code`; None: withdrawn before, and its copies are checked again."""
+    """Number of the session of `code`; None: withdrawn before, and its exports are made again."""
     with engine.connect() as connection:
         rows = connection.execute(
             select(participants.c.code, sessions.c.id)

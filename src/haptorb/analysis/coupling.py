@@ -15,7 +15,7 @@ from functools import lru_cache, singledispatch
 
 import numpy as np
 
-from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop
+from haptorb.analysis.stability import GRIPS, MIN_STABILITY_MARGIN, HandGrip, SampledLoop
 from haptorb.control.linkage import MOTOR_GAINS
 from haptorb.devices.api import electromagnet
 from haptorb.devices.arm import Arm
@@ -31,7 +31,6 @@ from haptorb.worlds.scene import Scene
 
 __all__ = [
     "DEFAULT_LATENCY_S",
-    "MIN_STABILITY_MARGIN",
     "Coupling",
     "CouplingSetting",
     "HeldMover",
@@ -124,7 +123,6 @@ def hold_rotor(device: SphericalMotor, hand: HandGrip) -> HeldMover:
 
 
 DEFAULT_LATENCY_S = 5e-3  #: default latency of a tracker in a process of its own [s]
-MIN_STABILITY_MARGIN = 1.5  #: stability margin of a coupling, for the variation between hands
 _SLOW = 0.3  #: share of a body's momentum that the damper dissipates in one step of the scene
 _RATIOS = (0.7, 0.4)  #: damping ratios of the body in the coupling, the larger first
 _MIN_STIFFNESS_RATIO = 0.8  #: a larger damping ratio is preferred down to this share of the stiffness

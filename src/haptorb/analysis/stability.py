@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 from haptorb.arrays import Array
 from haptorb.errors import InputError, UnknownName
 
-__all__ = ["GRIPS", "Field", "HandGrip", "SampledLoop", "Steepest", "Steepness", "check_grip", "steepest"]
+__all__ = [
+    "GRIPS",
+    "MIN_STABILITY_MARGIN",
+    "Field",
+    "HandGrip",
+    "SampledLoop",
+    "Steepest",
+    "Steepness",
+    "check_grip",
+    "steepest",
+]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -92,6 +102,7 @@ class HandGrip:
 
 
 #: Grips by name, `HandGrip` each. `loose` is assumed: fingers that only guide, with the minimum damping.
+MIN_STABILITY_MARGIN = 1.5  #: required gain margin of a loop: hands differ
 GRIPS = {
     "loose": HandGrip(0.1, 1.0, 20.0),
     "light": HandGrip(0.1, 2.0, 100.0),

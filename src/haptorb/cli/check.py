@@ -203,7 +203,7 @@ def judge_scene(
     Raises UnknownName and InputError for an invalid scene, body or value.
     """
     from haptorb.analysis.coupling import couple_world, measure_margin
-    from haptorb.cli.check_world import MIN_STABILITY_MARGIN
+    from haptorb.analysis.stability import MIN_STABILITY_MARGIN
     from haptorb.cli.world_option import choose_scene_option
     from haptorb.display import format_number
     from haptorb.worlds.scene import Scene

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from haptorb.analysis.stability import GRIPS, HandGrip, SampledLoop, Steepest, Steepness, steepest
+from haptorb.analysis.stability import (
+    GRIPS,
+    MIN_STABILITY_MARGIN,
+    HandGrip,
+    SampledLoop,
+    Steepest,
+    Steepness,
+    steepest,
+)
 from haptorb.analysis.workspace import (
     UNJUDGED,
     Workspace,
@@ -45,7 +53,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 __all__ = [
-    "MIN_STABILITY_MARGIN",
     "PoseDelay",
     "Setting",
     "WorldVerdict",
@@ -57,7 +64,6 @@ __all__ = [
 ]
 
 
-MIN_STABILITY_MARGIN = 1.5  #: required stability margin: hands differ
 _CHECKED_PLACES = 4  #: places checked for a world with memory: the steepest
 _MAX_RATE_HZ = 4000.0  #: highest servo rate [Hz]
 

@@ -77,7 +77,7 @@ def run_program(
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes any free port.")] = 8765,
     browser: Annotated[bool, typer.Option("--open", help="Open the console in the browser.")] = False,
 ) -> None:
-    """Run a program for Force Dimension's or OpenHaptics' libraries, unmodified, on a simulated or real device.
+    """Run a program for Force Dimension's or OpenHaptics' libraries, unmodified, on a simulated device or a real Omni.
 
     Device and console end with the program; the exit status is the program's, 128 and the signal if one ended it.
     """

@@ -87,7 +87,7 @@ def jog(
     device: DeviceArgument = "omni",
     duty: Annotated[float, typer.Option(help="Peak duty, −0.2 to 0.2.")] = 0.05,
     duration: Annotated[
-        float, typer.Option("--duration", "--seconds", help="Duration of the ramp up and down [s], 0.2 to 10.")
+        float, typer.Option("--duration", "--seconds", help="Duration of ramp up, hold and ramp down [s], 0.2 to 10.")
     ] = 1.0,
     current: Annotated[float, typer.Option(help="Switch off above this current [A].")] = 3.0,
     no_watchdog: Annotated[

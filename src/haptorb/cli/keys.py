@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from haptorb.errors import DeviceError, InputError, UnknownName
+from haptorb.errors import HaptorbError, InputError, UnknownName
 from haptorb.terminal import make_console, notify, print_facts, print_json, print_text
 
 if TYPE_CHECKING:
@@ -32,16 +32,17 @@ class FileKeys(NamedTuple):
 
 def list_device_sections() -> list[KeySection]:
     """List the keys of a device file, one section for each kind of device that has files."""
-    from haptorb.devices.registry import find_file, kind_names, kind_of_name
+    from haptorb.devices.registry import REGISTERED, find_file, kind_names, kind_of_name
     from haptorb.devices.schema import list_keys
 
     sections = []
     for name in kind_names():
         try:
-            sections.append(KeySection(f'kind = "{name}"', tuple(list_keys(find_file(kind_of_name(name), name)))))
-        except InputError:  # a kind of another package may be made in Python only
-            continue
-        except DeviceError as cause:
+            kind = kind_of_name(name)
+            if name in REGISTERED and kind.file is None:
+                continue  # made in Python only
+            sections.append(KeySection(f'kind = "{name}"', tuple(list_keys(find_file(kind, name)))))
+        except HaptorbError as cause:  # of another package
             notify(str(cause))
     return sections
 
@@ -73,7 +74,7 @@ def keys(
     word: Annotated[str | None, typer.Argument(help="Print only keys with this text in their name or meaning.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the keys of a device, study, design or snap-fit file with units and ranges: haptorb keys device heat."""
+    """List the keys of a kind of file with units and ranges: haptorb keys device heat."""
     if file is None:
         texts = {name: one.text for name, one in FILES.items()}
         if json:

@@ -14,7 +14,7 @@ from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.based_on import drop_keys, has_key, is_table, lay_over_base
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.quantity import strip_provenance
-from haptorb.devices.registry import find_file, kind_names, kind_of_name
+from haptorb.devices.registry import find_file, is_kind, kind_names, kind_of_name
 from haptorb.devices.schema import DeviceSchema, explain_mistakes
 from haptorb.errors import DeviceError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
@@ -156,7 +156,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
 
     name = tables.name
     kind = tables.values.get("kind")
-    if not isinstance(kind, str) or kind not in kind_names():
+    if not isinstance(kind, str) or not is_kind(kind):
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
     file_class = find_file(kind_of_name(kind), name)

@@ -13,7 +13,7 @@ from haptorb.devices.base import DeviceKind
 from haptorb.devices.schema import DeviceSchema
 from haptorb.errors import DeviceError, InputError, quote
 
-__all__ = ["REGISTERED", "find_file", "kind_names", "kind_of_name", "register"]
+__all__ = ["REGISTERED", "find_file", "is_kind", "kind_names", "kind_of_name", "register"]
 
 
 def _load_electromagnet() -> tuple[DeviceKind, type[DeviceSchema]]:
@@ -72,7 +72,7 @@ def register(kind: DeviceKind) -> None:
     InputError
         If another record has this name.
     """
-    if (kind_of_name(kind.name) if kind.name in kind_names() else kind) != kind:
+    if (kind_of_name(kind.name) if is_kind(kind.name) else kind) != kind:
         raise InputError(f"there is a kind of device '{kind.name}' already; choose another name")
     REGISTERED.setdefault(kind.name, kind)
 
@@ -80,6 +80,11 @@ def register(kind: DeviceKind) -> None:
 def kind_names() -> tuple[str, ...]:
     """Return the valid values of `kind` in a device file."""
     return tuple(dict.fromkeys([*_KINDS, *REGISTERED, *_list_installed()]))
+
+
+def is_kind(name: str) -> bool:
+    """Whether there is a kind of that name. Installed packages are looked through last: it takes milliseconds."""
+    return name in _KINDS or name in REGISTERED or name in _list_installed()
 
 
 def kind_of_name(name: str) -> DeviceKind:

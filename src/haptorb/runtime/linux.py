@@ -99,7 +99,7 @@ def describe_timing() -> str:
         return ""
     return (
         f"{_NAMES.get(sys.platform, sys.platform)} has no real-time scheduler for the loop: ticks may be late by "
-        "milliseconds; the report states how many were in time. Real devices need Linux."
+        "milliseconds; the report states how many were on time. Real devices need Linux."
     )
 
 

@@ -69,7 +69,7 @@ from haptorb.worlds.base import PARTS, World, WrenchPart
 from haptorb.worlds.client_force import split_remote
 from haptorb.worlds.dynamic import DynamicWorld, count_numbers
 from haptorb.worlds.scene import SceneFile
-from haptorb.worlds.user_world import FileWithRemote, WorldFile
+from haptorb.worlds.user_world import FileWithRemote, WorldFile, note_scenes
 
 if TYPE_CHECKING:
     from haptorb.recording.recording import Recording
@@ -370,6 +370,7 @@ class Servo:
             self._claim, self._folder = process.claim, process.folder
             self._signals = SignalStop(self._shared, self.stop)
             self._children = ProcessGroup(process, self._shared, self._black_box, self._signals)
+        note_scenes(self.config.world)  # replays of this run's recordings may read them again
         if descriptor is not None:
             path, temporary = self._recording.path, self._recording.temporary_path is not None
             assert path is not None
@@ -422,12 +423,12 @@ class Servo:
     async def __aenter__(self) -> Self:
         try:
             await _complete(self.open, cancelled=self._end_start)
-        except asyncio.CancelledError:
+            if self._signals is not None:
+                self._signals.install()  # `open` ran in another thread than this one, the main thread as a rule
+        except BaseException:  # the block is not entered, so nothing else ends the loop
             self.end_loop()
             await _complete(self.close)
             raise
-        if self._signals is not None:
-            self._signals.install()  # `open` ran in another thread than this one, which is the main thread as a rule
         return self
 
     async def __aexit__(

@@ -179,11 +179,17 @@ class UdpOwners:
 
     def __init__(self) -> None:
         self._lines = _read_tables("udp")
+        self._found: dict[Address, int | None] = {}
 
     def find(self, host: str, port: int) -> int | None:
         """User id of the processes bound to `port` of `host`, an address of this computer; None if there are none, if
         they belong to several accounts, or if it is a port of this account that another one may bind, too: what was
         sent before this snapshot need not be from a process that is in it."""
+        if (host, port) not in self._found:
+            self._found[host, port] = self._find_owner(host, port)
+        return self._found[host, port]
+
+    def _find_owner(self, host: str, port: int) -> int | None:
         here = _unmapped(host)
         owners = {
             row.owner

@@ -810,6 +810,11 @@ class OscSession:
                 return force
             case Subscribe(port, rate):
                 to = (program.sender[0], port or program.sender[1])
+                if not authorized and is_loopback(to[0]) and not is_own_account(UdpOwners().find(*to)):
+                    raise InputError(
+                        f"port {to[1]} is not open, belongs to another account, or may be bound by other programs, too "
+                        f"(SO_REUSEADDR): open it for this program alone, or send the token {SERVE_TOKEN}"
+                    )
                 self._subscribers.add(to, rate, now, any_account=authorized)
                 program.answers_to = to
                 self._answer(program, make_message("/haptorb/subscribed", rate))
@@ -896,7 +901,10 @@ class OscSession:
         self.refused += count
         if now >= self._next_account_error:
             self._next_account_error = now + _ERROR_INTERVAL_S
-            text = f"this server is for programs of the account that runs the servo; others need {SERVE_TOKEN}"
+            text = (
+                "this server is for programs of the account that runs the servo, from a port that no other program may "
+                f"bind (SO_REUSEADDR); others need {SERVE_TOKEN}"
+            )
             self._send(make_message("/haptorb/error", text), sender)
 
     def _refuse(self, program: _Program, cause: InputError, now: float) -> None:

@@ -183,9 +183,9 @@ class CoilSimulation(Simulation):
         """Set the state's thermal step. Those of the last few lengths are kept: after a missed tick two periods pass at
         once, and to compute the step anew takes as long as a tick at 4 kHz, so that the next one would be missed too.
         """
-        kept = self._heat_steps.get(step)
+        kept = self._heat_steps.pop(step, None)
         if kept is not None:
-            self._state["heat"] = kept
+            self._heat_steps[step] = self._state["heat"] = kept  # the newest now: the regular one is never removed
             return
         self._fill_heat(step)
         if len(self._heat_steps) == _KEPT_HEAT_STEPS:

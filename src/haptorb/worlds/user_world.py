@@ -53,6 +53,7 @@ __all__ = [
     "load_noted_world",
     "make_world",
     "name_code",
+    "note_scenes",
     "note_start",
     "note_world",
     "parse_world_file",
@@ -422,31 +423,50 @@ def list_path() -> Path:
 
 
 def note_start(world: World) -> None:
-    """Add `world` to the list of started worlds if it came from a world file, or is the scene of a file.
+    """Add to the list of started worlds the world file that `world` came from, and the files of its scenes.
 
     Where the list cannot be written, recordings of the world show its recorded wrench.
     """
     found = find_world_file(world)
-    scene = world.model.file if isinstance(world, Scene) else None
-    with suppress(OSError, HaptorbError):
-        if found is not None:
-            path, name = found
-            digest = _started_code_digest(path, name, _read_code(path))
-        elif scene is not None and not is_shipped_scene(scene):
-            path, digest = scene, _started_scene_digest(scene, _world_note_digest(scene))
-        else:
-            return
-        known = list_path()
-        if digest in _read_list(known):
-            return
-        known.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
-        descriptor = os.open(known, flags, 0o600)
-        try:
-            # one call: atomic with respect to other processes
-            os.write(descriptor, f"{digest} {json.dumps(str(path))}\n".encode())
-        finally:
-            os.close(descriptor)
+    if found is not None:
+        path, name = found
+        with suppress(OSError, HaptorbError):
+            _add_to_list(path, _started_code_digest(path, name, _read_code(path)))
+    note_scenes(world)
+
+
+def note_scenes(world: World) -> None:
+    """Add the files of the scenes in `world`, a part of a sum for example, to the list of started worlds."""
+    for path in _find_scene_files(world):
+        if not is_shipped_scene(path):
+            with suppress(OSError, HaptorbError):
+                _add_to_list(path, _started_scene_digest(path, _world_note_digest(path)))
+
+
+def _find_scene_files(value: Any) -> Iterator[Path]:
+    if isinstance(value, SceneModel):
+        if value.file is not None:
+            yield value.file
+    elif isinstance(value, tuple | list):
+        for one in value:
+            yield from _find_scene_files(one)
+    elif isinstance(value, World) and is_dataclass(value):
+        for one in fields(value):
+            yield from _find_scene_files(getattr(value, one.name, None))
+
+
+def _add_to_list(path: Path, digest: str) -> None:
+    known = list_path()
+    if digest in _read_list(known):
+        return
+    known.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
+    descriptor = os.open(known, flags, 0o600)
+    try:
+        # one call: atomic with respect to other processes
+        os.write(descriptor, f"{digest} {json.dumps(str(path))}\n".encode())
+    finally:
+        os.close(descriptor)
 
 
 def find_started(path: Path, name: str, digest: str) -> dict[Path, str]:
@@ -742,7 +762,7 @@ def _load_scene(name: str, digest: str) -> SceneModel:
     if not shipped and name not in known.values():  # safety: recordings-open-no-scene
         raise InputError(
             f"its scene {path} is not on this account's list of started scenes; a file is not read because a "
-            "recording names it"
+            "recording names it. If it is yours, start it once: haptorb run --scene FILE"
         )
     if _world_note_digest(path) != digest or not (shipped or _started_scene_digest(path, digest) in known):
         raise InputError(f"the scene {path} has changed, or is missing")

@@ -128,9 +128,12 @@ class StudySocketHub:
         while len(self._waiting) >= MAX_WAITING:
             self._waiting.pop(0).cancel()
         self._waiting.append(receiving)
-        await asyncio.wait({receiving})
-        if receiving in self._waiting:
-            self._waiting.remove(receiving)
+        try:
+            await asyncio.wait({receiving})
+        finally:
+            receiving.cancel()  # without effect where it has ended
+            if receiving in self._waiting:
+                self._waiting.remove(receiving)
         try:
             return receiving.result()
         except (TimeoutError, WebSocketDisconnect, KeyError, RuntimeError, asyncio.CancelledError):

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from haptorb.analysis.coupling import MIN_STABILITY_MARGIN, CouplingSetting, measure_margin
-from haptorb.analysis.stability import GRIPS
+from haptorb.analysis.coupling import CouplingSetting, measure_margin
+from haptorb.analysis.stability import GRIPS, MIN_STABILITY_MARGIN
 from haptorb.devices.loader import load
 from haptorb.errors import InputError
 from haptorb.worlds import Nothing, Scene

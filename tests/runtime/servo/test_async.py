@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from haptorb.errors import ServoError
-from haptorb.runtime.process_group import ProcessGroup
+from haptorb.runtime.process_group import ProcessGroup, SignalStop
 from haptorb.runtime.shared_memory import Word
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("quick_starts")]
@@ -156,6 +156,26 @@ def test_a_start_that_is_cancelled_is_stopped_at_once(fake_servo: Any, monkeypat
         return found
 
     assert asyncio.run(cancel()) == (1, 1)
+
+
+def test_a_start_whose_signals_cannot_be_handled_ends_the_loop(fake_servo: Any, monkeypatch: Any) -> None:
+    """The block is not entered, so nothing else ends it."""
+    made = fake_servo(record=False)
+
+    def fail(signals: SignalStop) -> None:
+        if threading.current_thread() is threading.main_thread():
+            raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(SignalStop, "install", fail)
+
+    async def use() -> None:
+        async with made.servo:
+            raise AssertionError("it was not entered")
+
+    with pytest.raises(OSError, match="Too many open files"):
+        asyncio.run(use())
+    assert not made.servo.alive
+    assert made.words() == ["open", "close"]
 
 
 def test_signals_are_handled_as_before_when_it_has_ended(fake_servo: Any) -> None:

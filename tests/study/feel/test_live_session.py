@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import haptorb_study.feel
-from haptorb.cli.check_world import MIN_STABILITY_MARGIN
+from haptorb.analysis.stability import MIN_STABILITY_MARGIN
 from haptorb.control.linkage import MOTOR_GAINS
 from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
@@ -251,10 +251,10 @@ def test_the_true_scale_and_its_limits() -> None:
     assert "N·m" in saturating.reason
     stable = find_limits(scale, designs, margin=3.0)
     assert stable.largest == pytest.approx(3.0 / MIN_STABILITY_MARGIN)
-    assert "would vibrate" in stable.reason
+    assert "vibrates" in stable.reason
     assert find_limits(scale, designs, None).largest == 1.0
     already = find_limits(scale, designs, margin=0.6)
     assert already.largest == 1.0
-    assert "above the largest possible one" in already.reason
+    assert "force_scale of the snap-fit file is too large" in already.reason
     with pytest.raises(InputError, match="works for spherical motors"):
         TrueScale.of(load("omni"), MOTOR_GAINS)

@@ -22,9 +22,10 @@ import pytest
 from haptorb.devices.base import State
 from haptorb.errors import InputError
 from haptorb.own_code import find_imports
-from haptorb.worlds import CATALOGUE, PathGuidance, Remote, Scene, Sum
+from haptorb.runtime.servo import Servo
+from haptorb.worlds import CATALOGUE, Fluid, PathGuidance, Remote, Scene, Sum
 from haptorb.worlds.scene_physics import find_scene_file
-from haptorb.worlds.user_world import WorldFile, list_path, load_noted_world, note_start, note_world
+from haptorb.worlds.user_world import WorldFile, list_path, load_noted_world, note_scenes, note_start, note_world
 
 WORLD = """
 import numpy as np
@@ -268,6 +269,27 @@ def test_a_scene_that_this_account_started_is_read_again_while_it_is_the_same(fo
     for one in (noted, changed):
         with pytest.raises(InputError, match="has changed"):
             load_noted_world(one)
+
+
+def test_a_scene_in_a_sum_and_one_that_a_program_renders_are_read_again(folder: Path) -> None:
+    path = folder / "scene.xml"
+    shutil.copy(find_scene_file("peg"), path)
+    added = Scene(path) + Fluid()
+    noted = note_world(added)
+    with pytest.raises(InputError, match="haptorb run --scene FILE"):
+        load_noted_world(noted)
+    note_scenes(added)
+    assert isinstance(load_noted_world(noted), type(added))
+
+
+@pytest.mark.realtime
+def test_a_program_that_records_a_scene_may_replay_it(folder: Path) -> None:
+    path = folder / "scene.xml"
+    shutil.copy(find_scene_file("peg"), path)
+    scene = Scene(path)
+    with Servo("omni", scene, record=folder / "run.mcap") as servo:
+        servo.run(0.1)
+    assert isinstance(load_noted_world(note_world(scene)), Scene)
 
 
 def test_a_supplied_scene_is_on_no_list(folder: Path) -> None:

@@ -122,7 +122,7 @@ class Guardian:
         self._engaged = engaged
         if engaged and now - self._last_answer > RESPONSE_TIMEOUT_S:  # safety: guardian-silent
             raise DriverError(
-                f"the guardian of the I²C bus did not answer for {1e3 * RESPONSE_TIMEOUT_S:g} ms (stopped, or a busy "
+                f"the guardian of the I²C bus did not respond for {1e3 * RESPONSE_TIMEOUT_S:g} ms (stopped, or a busy "
                 "computer)"
             )
 

@@ -29,7 +29,7 @@ REASONS = {
     "garbage": "not a message of the documented layout",
     "stranger": "without the token",
     "other_message": "about another object, or to another address",
-    "another_account": "from another account of this computer, or from a port that nobody or anybody may own",
+    "another_account": "from another account of this computer, or from a port of unknown owner or open to others",
     "another_sender": "from another sender than the poses before",
     "not_finite": "a number that is not finite",
     "no_rotation": "a quaternion whose length is not 1",
