@@ -482,7 +482,7 @@ def make_private_folder(prefix: str) -> Path:
         # Another program that starts removed it: it has no lock yet, as one that is left behind.
     try:
         return Path(tempfile.mkdtemp(prefix=prefix, dir=private_folder("temporary")))
-    except PermissionError as cause:
+    except OSError as cause:
         raise HaptorbError(
             f"no folder for temporary files is only this account's: {folder} {shared}; set TMPDIR to a folder of yours"
         ) from cause

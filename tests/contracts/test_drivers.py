@@ -248,7 +248,7 @@ def test_a_device_with_other_channels_is_refused() -> None:
 
 
 def test_a_driver_with_the_methods_of_version_0_1_works_with_a_remark() -> None:
-    with pytest.warns(DeprecationWarning, match=r"truth\(\) is now called wrench_actual\(\)"):
+    with pytest.warns(FutureWarning, match=r"truth\(\) is now called wrench_actual\(\)"):
 
         class Earlier(SimDriver):  # type: ignore[misc]
             def truth(self) -> Array:

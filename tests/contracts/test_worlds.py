@@ -114,7 +114,7 @@ def test_no_closed_path_takes_energy_out_of_a_passive_world(name):
 
 
 def test_a_world_of_version_0_1_that_needs_a_motor_still_does():
-    with pytest.warns(DeprecationWarning, match="needs_object"):
+    with pytest.warns(FutureWarning, match="needs_object"):
 
         class Plug(worlds.Nothing):
             needs_target = True
