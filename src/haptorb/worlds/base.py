@@ -283,7 +283,7 @@ class World(Presentable, ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "needs_target" in cls.__dict__:
-            warn("a world's `needs_target` is now called `needs_object`", FutureWarning, stacklevel=2)
+            warn(f"{cls.__name__}: a world's `needs_target` is now called `needs_object`", FutureWarning, stacklevel=3)
             cls.needs_object = cls.__dict__["needs_target"]
 
     def __post_init__(self) -> None:

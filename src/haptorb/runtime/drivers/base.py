@@ -67,7 +67,7 @@ class Driver(ABC):
         super().__init_subclass__()
         for earlier, now in _EARLIER_METHODS.items():
             if earlier in cls.__dict__ and now not in cls.__dict__:
-                warn(f"a driver's {earlier}() is now called {now}()", FutureWarning, stacklevel=2)
+                warn(f"{cls.__name__}.{earlier}() is now called {now}()", FutureWarning, stacklevel=3)
                 setattr(cls, now, cls.__dict__[earlier])
 
     @abstractmethod
