@@ -101,8 +101,8 @@ class HandGrip:
         return HandGrip(self.mass + mass, self.damping, self.stiffness)
 
 
-#: Grips by name, `HandGrip` each. `loose` is assumed: fingers that only guide, with the minimum damping.
 MIN_STABILITY_MARGIN = 1.5  #: required gain margin of a loop: hands differ
+#: Grips by name, `HandGrip` each. `loose` is assumed: fingers that only guide, with the minimum damping.
 GRIPS = {
     "loose": HandGrip(0.1, 1.0, 20.0),
     "light": HandGrip(0.1, 2.0, 100.0),

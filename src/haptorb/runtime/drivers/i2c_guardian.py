@@ -104,7 +104,7 @@ class Guardian:
         return self._ready and not self.ended
 
     def beat(self, engaged: bool) -> None:
-        """Send a heartbeat. DriverError if the guardian has ended, or did not answer for 10 ms: no current may flow
+        """Send a heartbeat. DriverError if the guardian has ended, or did not respond for 10 ms: no current may flow
         without it. Non-blocking."""
         now = self._clock()
         try:

@@ -218,7 +218,7 @@ def test_a_guardian_that_does_not_answer_is_noticed_by_the_clock() -> None:
     now[0] += RESPONSE_TIMEOUT_S
     guardian.beat(True)
     now[0] += 1e-3
-    with pytest.raises(DriverError, match="did not answer for 10 ms"):
+    with pytest.raises(DriverError, match="for 10 ms"):
         guardian.beat(True)
     assert guardian.end(0.0) or guardian.end(10.0)
     with pytest.raises(DriverError):
