@@ -134,7 +134,7 @@ print(json.dumps(said))
 """
 
 
-@pytest.mark.parametrize("plain", ["1", ""])
+@pytest.mark.parametrize("plain", [pytest.param("1", marks=pytest.mark.slow), ""])
 def test_a_called_kernel_computes_and_raises_also_where_it_is_taken_from_the_cache(plain: str, tmp_path: Path) -> None:
     (tmp_path / "roots.py").write_text("""
 import math

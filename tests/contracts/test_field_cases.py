@@ -181,7 +181,7 @@ def test_every_command_takes_a_file_whose_name_ends_in_capitals(
     assert parse_format(["POSES.TOML"])[0] is not None
 
 
-@pytest.mark.parametrize("days", [None, 1.0, 10.0])
+@pytest.mark.parametrize("days", [1.0, *(pytest.param(days, marks=pytest.mark.slow) for days in (None, 10.0))])
 def test_poses_with_a_time_of_four_bytes_are_accepted(days: float | None) -> None:
     """Unix time, or a clock that has run for days; python-osc sends a Python float like that."""
     listening = osc_socket("127.0.0.1", 0)

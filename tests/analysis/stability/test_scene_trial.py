@@ -38,7 +38,9 @@ def test_less_than_a_millijoule_comes_out_of_a_scene(name: str) -> None:
     assert not trial.tripped
 
 
-@pytest.mark.parametrize("choices", [{"fed": True, "latency": 5e-3}, {"estimator": "hall"}])
+@pytest.mark.parametrize(
+    "choices", [{"fed": True, "latency": 5e-3}, pytest.param({"estimator": "hall"}, marks=pytest.mark.slow)]
+)
 def test_nor_with_late_poses_or_field_sensors_while_detail_comes_and_goes(choices: dict[str, object]) -> None:
     setting = CouplingSetting(load("omni"), 1000.0, GRIPS["loose"], **choices)  # type: ignore[arg-type]
     scene = setting.couple(Scene("boxes"))

@@ -79,7 +79,7 @@ def test_seconds_that_were_lost_do_not_spoil_the_record() -> None:
     assert torn.found.residual < 2 * whole.found.residual + 0.1
 
 
-@pytest.mark.parametrize("ambient", [288.15, 308.15])
+@pytest.mark.parametrize("ambient", [pytest.param(288.15, marks=pytest.mark.slow), 308.15])
 def test_a_room_that_is_warmer_or_colder_than_the_reference(ambient: float) -> None:
     """A winding's temperature is that at which its resistance, stated at 20 °C, is the measured one.
 

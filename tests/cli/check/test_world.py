@@ -83,7 +83,9 @@ def test_margins_and_words():
 OMNI_JUMP = abs(worlds.Dome().for_device(OMNI).strength)
 
 
-@pytest.mark.parametrize(("name", "world"), [("planar", worlds.Wall()), ("tetrahedron", worlds.Dome())])
+@pytest.mark.parametrize(
+    ("name", "world"), [("planar", worlds.Wall()), pytest.param("tetrahedron", worlds.Dome(), marks=pytest.mark.slow)]
+)
 def test_a_coil_array_is_judged_over_its_plate_or_dome(name, world):
     device = load(name)
     verdict = judge_world(device, world, Setting())

@@ -137,6 +137,7 @@ def test_a_candidate_that_kills_its_process_is_one_rejected_design(
     assert told["valid"] == 24 - len(deadly)
 
 
+@pytest.mark.slow  # of other commands: tests/cli/test_file_size_limit.py
 def test_the_limit_of_the_shell_for_files_is_named(tmp_path: Path) -> None:
     write_design(tmp_path)
     command = f"ulimit -f 60; exec {sys.executable} -m haptorb design sweep small.toml --count 300 --into r.sqlite"

@@ -131,6 +131,7 @@ def room(candidate):
 """
 
 
+@pytest.mark.slow  # without a cluster: test_processes.py
 def test_candidates_that_harm_their_process_are_rejected_no_worker_ends_and_none_waits(
     tmp_path: Path, cluster: Any
 ) -> None:
@@ -217,6 +218,7 @@ def interrupt_search(tmp_path: Path, cluster: Any) -> tuple[list[str], str]:
     return command, results
 
 
+@pytest.mark.slow  # without a cluster: tests/design/cli/test_sweep.py
 def test_ctrl_c_of_a_search_on_a_cluster_leaves_nothing_behind(tmp_path: Path, cluster: Any) -> None:
     _, results = interrupt_search(tmp_path, cluster)
     toy = load_design(tmp_path / "toy.toml")

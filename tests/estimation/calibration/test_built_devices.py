@@ -74,7 +74,7 @@ def test_sensors_without_errors_find_from_where_each_coils_field_comes(specimen:
 
 def test_sensors_with_errors_find_less_and_say_so():
     errors, away = OMNI.hall.errors, []
-    for specimen in range(repetitions(8, 300)):
+    for specimen in range(repetitions(5, 300)):
         built = draw_electromagnet(OMNI, specimen)
         rng = np.random.default_rng(specimen)
         moved = OMNI.hall.positions + errors.placement * rng.standard_normal((9, 3))

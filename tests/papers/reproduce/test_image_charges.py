@@ -14,7 +14,10 @@ OMNI = load("omni")
 
 
 @pytest.mark.parametrize("permeability", [np.inf, 4000.0, 7.0, 1.0 + 1e-9])
-@pytest.mark.parametrize(("place", "axis"), [((0, 0, 0.05), (0, 0, 1)), ((0.03, -0.02, 0.045), (0.6, 0.1, 1.0))])
+@pytest.mark.parametrize(
+    ("place", "axis"),
+    [pytest.param((0, 0, 0.05), (0, 0, 1), marks=pytest.mark.slow), ((0.03, -0.02, 0.045), (0.6, 0.1, 1.0))],
+)
 def test_currents_and_images_meet_charges_and_harmonics(permeability, place, axis):
     device = replace(OMNI, core_permeability=permeability)
     state = State.at(place, np.array(axis) / np.linalg.norm(axis))

@@ -74,7 +74,7 @@ def test_without_tolerances_turns_and_charges_give_the_exact_model(name):
     assert built.least == device.tilt_torque[1]
 
 
-@pytest.mark.parametrize("specimen", [0, 5])
+@pytest.mark.parametrize("specimen", [pytest.param(0, marks=pytest.mark.slow), 5])
 def test_a_drawn_motor_is_computed_as_it_is_drawn(specimen):
     """Every turn and every magnet where it is: the tables leave 5e-4 of the greatest torque, of what differs by 5 %."""
     built, R = draw_motor(PMSM, specimen), TURNS[specimen % 2]

@@ -163,7 +163,7 @@ def set_moving(level: int, axis: int) -> Array:
     return felt
 
 
-@pytest.mark.parametrize("axis", [0, 3])
+@pytest.mark.parametrize("axis", [pytest.param(0, marks=pytest.mark.slow), 3])
 def test_a_body_does_not_swing_in_slower_time(axis: int) -> None:
     """Bodies are felt heavier, but the coupling damps them by the same ratio as at full pace."""
 
