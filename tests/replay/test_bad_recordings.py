@@ -201,6 +201,12 @@ def test_gains_that_are_none_are_refused(gains: str, tmp_path: Path) -> None:
     assert str(told.value).isprintable()
 
 
+def test_a_replay_needs_neither_tracker_nor_frame_nor_coupling(tmp_path: Path) -> None:
+    recording = record_chain(tmp_path / "run.mcap", ticks=20, tracker="osc:9000")
+    foreign = {"tracker": "mouse", "frame": "{}", "coupling": '{"mass_kg": 0}', "watchdog": "off"}
+    assert Replay(rewrite(recording, tmp_path / "other.mcap", run=foreign)).run().identical
+
+
 def test_a_world_of_a_file_runs_if_this_account_started_it_and_the_file_is_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

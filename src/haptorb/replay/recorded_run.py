@@ -100,10 +100,13 @@ class RecordedRun:
 
         Raises what `RunConfig.from_notes` and `make_tick` of the assembly raise.
         """
-        config = RunConfig.from_notes(self.device, world, self._run, str(self._path))
+        # The poses and the coupling of a scene are recorded: a frame or hand that cannot be read prevents no replay.
+        noted = {key: text for key, text in self._run.items() if key not in ("frame", "coupling")}
+        config = RunConfig.from_notes(self.device, world, noted, str(self._path))
         return make_tick(
             replace(
                 config,
+                tracker="pointer",  # no tracker is opened
                 rate=rate,
                 model=model or self.model,
                 estimator=estimator or self.estimator,

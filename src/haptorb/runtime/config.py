@@ -13,7 +13,7 @@ import numpy as np
 
 from haptorb import worlds
 from haptorb.analysis.coupling import CouplingSetting
-from haptorb.analysis.stability import check_grip
+from haptorb.analysis.stability import HandGrip, check_grip
 from haptorb.arrays import Array
 from haptorb.control.linkage import Gains, make_linkage
 from haptorb.control.registry import make_choice
@@ -29,7 +29,7 @@ from haptorb.runtime.clock import check_rate
 from haptorb.runtime.drivers.registry import check_driver, is_real
 from haptorb.runtime.hand_file import choose_hand
 from haptorb.runtime.trackers.feed_tracker import PREDICTION, check_prediction
-from haptorb.runtime.trackers.registry import check_frame, check_tracker, has_feed
+from haptorb.runtime.trackers.registry import check_frame, check_tracker, has_feed, is_tracker_name
 from haptorb.runtime.world_requests import description, name_of
 from haptorb.simulation.hand_motion import ScriptedMotion
 from haptorb.worlds.base import World, WrenchPart, check_part
@@ -57,7 +57,7 @@ class RunConfig:
     """Description of a run: everything from which the loop is built, and that a recording states.
 
     `of` makes one from names and files, checked; `replace` of `dataclasses` changes one. `notes` writes it into a
-    recording, `from_notes` reads it from there.
+    recording, `from_notes` reads it from there, but for what the recording does not contain: see there.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class RunConfig:
 
     @classmethod
     def from_notes(cls, device: Device, world: World, run: Mapping[str, str], source: str) -> Self:
-        """Read the description of a run from a recording.
+        """Read the description of a run from a recording: what `notes` writes.
 
         Parameters
         ----------
@@ -253,34 +253,27 @@ class RunConfig:
         Returns
         -------
         RunConfig
-            Without tracker, frame and file of the world, which a replay does not need. Nothing is checked: estimator
-            and model may be unknown to this version.
+            Every field as recorded, and its default where the text is missing or another program's, with two
+            exceptions, which have their defaults: `hand`, whose recorded text is only its name and digest, and
+            `world_file`, which is not recorded, because no file is loaded because of a recording.
 
         Raises
         ------
         CalibrationError
-            If the recorded calibration cannot be read.
+            If the recorded calibration or frame cannot be read.
         RecordingError
-            If haptorb did not write the gains.
+            If haptorb did not write the gains, the coupling, or the part to render.
+
+        Notes
+        -----
+        Nothing is opened, connected or run, and nothing is checked against this computer: estimator and model may be
+        unknown to this version, and driver and tracker name ports and addresses of the computer that recorded. Check
+        these two and `watchdog` before you start a servo with a description from somebody else's recording;
+        `simulated` returns one that drives no device.
         """
-        text, part = run.get("calibration", ""), run.get("render") or None
-        try:
-            learned = b64decode(run.get("learned", ""), validate=True)
-        except ValueError:
-            learned = b""
-        return cls(
-            device=device,
-            world=world,
-            driver=run.get("driver") or "sim",
-            rate=find_number(run, "rate_hz") or 1000.0,
-            model=run.get("model") or None,
-            estimator=run.get("estimator") or None,
-            gains=_read_gains(run, source),
-            calibration=Calibration.parse(text, f"the calibration in {source}") if text else None,
-            render=None if part is None else check_part(part),
-            torque_arm=find_number(run, "torque_arm_m"),
-            learned=learned,
-        )
+        origin = _Origin(device, source)
+        read = {note.field: note.read(run.get(note.key) or "", origin) for note in _NOTES}
+        return cls(device=device, world=world, **{name: value for name, value in read.items() if value is not None})
 
     @property
     def is_real(self) -> bool:
@@ -301,29 +294,13 @@ class RunConfig:
 
         own_worlds: worlds that the run may change to, other than the first one and the catalogue's.
         """
-        device, name = self.device, check_estimator(self.device, self.estimator)
+        device = self.device
         made = {name_of(one): note_world(one) for one in (self.world, *own_worlds)}
-        run = {
-            "driver": self.driver,
-            "tracker": self.tracker,
-            "prediction_s": repr(self.prediction) if self.has_feed else "",
-            "frame": "" if self.frame is None else self.frame.text(),
-            "estimator": name,
-            "model": self.model or device.tick_models[0],
+        run = {note.key: note.write(self) for note in _NOTES} | {
             "models": " ".join(device.models),
-            "render": self.render or "",
-            "calibration": "" if self.calibration is None else self.calibration.text(),
-            "hand": "" if self.hand is None else f"{self.hand.name} {self.hand.digest}".strip(),
-            "hand_start": "" if self.hand is None else self.hand_start,
-            "seed": str(self.seed),
-            "rate_hz": repr(self.rate),
             "first_world": description(self.world),
-            "gains": "" if self.gains is None else json.dumps(asdict(self.gains)),
-            "torque_arm_m": "" if self.torque_arm is None else repr(self.torque_arm),
             "worlds": json.dumps({one: text for one, text in made.items() if len(text) <= MAX_NOTE_CHARACTERS}),
         }
-        if learned := self.learned or read_learned(device, name):
-            run["learned"] = b64encode(learned).decode()
         return {
             "device": {
                 "name": device.name,
@@ -362,36 +339,212 @@ def choose_world(
 
 
 # --------------------------------------------------------------------------------------------------
-# Parsing of the metadata of a recording.
+# Texts of the "run" in the metadata of a recording, which may come from strangers.
 
 
 def read_object(run: Mapping[str, str], key: str) -> dict[str, Any]:
     """Parse the JSON object in the text `key` of `run`; empty if there is none."""
+    return _parse_object(run.get(key) or "")
+
+
+def find_number(run: Mapping[str, str], key: str) -> float | None:
+    """Parse the positive number in the text `key` of `run`; None if there is none."""
+    return _parse_positive(run.get(key) or "")
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """Where the texts of a run come from: a recording of `device`, and its name for messages."""
+
+    device: Device
+    source: str
+
+    def refuse(self, what: str, got: object, cause: Exception) -> RecordingError:
+        """Make the error for a text that haptorb did not write."""
+        reason = quote(str(cause), 200)[1:-1]
+        return RecordingError(f"{self.source} cannot be replayed: its {what} are {quote(got)} ({reason})")
+
+
+@dataclass(frozen=True)
+class _Note:
+    """Text of a recording for a field of `RunConfig`.
+
+    field  name of the field
+    key    of the text in the metadata record "run"
+    write  makes the text of a run; empty: none
+    read   makes the value of a text from a recording of _Origin; None for the default: no text, or a foreign one
+    """
+
+    field: str
+    key: str
+    write: Callable[[RunConfig], str]
+    read: Callable[[str, _Origin], Any]
+
+
+def _parse_object(text: str) -> dict[str, Any]:
     try:
-        found = json.loads(run.get(key) or "{}")
+        found = json.loads(text or "{}")
     except (ValueError, RecursionError):
         found = {}
     return found if isinstance(found, dict) else {}
 
 
-def _read_gains(run: Mapping[str, str], source: str) -> Gains | None:
-    """Parse the gains of `run`; None if it has none. Raises RecordingError for what are no gains."""
-    gains = read_object(run, "gains")
+def _parse_number(text: str) -> float | None:
+    """Parse a finite number; None if it is none."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if np.isfinite(number) else None
+
+
+def _write_number(number: float | None) -> str:
+    return "" if number is None else repr(float(number))
+
+
+def _parse_positive(text: str) -> float | None:
+    number = _parse_number(text)
+    return number if number is not None and number > 0.0 else None
+
+
+_MAX_NAME_CHARACTERS = 4096  #: of a driver, tracker, estimator or model: names may contain a path
+
+
+def _read_name(text: str, _: _Origin) -> str | None:
+    return text if text and len(text) <= _MAX_NAME_CHARACTERS and text.isprintable() else None
+
+
+def _read_driver(text: str, origin: _Origin) -> str | None:
+    try:
+        return check_driver(_read_name(text, origin) or "sim")
+    except UnknownName:
+        return None
+
+
+def _read_tracker(text: str, origin: _Origin) -> str | None:
+    name = _read_name(text, origin)
+    return name if name is not None and is_tracker_name(name) else None
+
+
+def _read_prediction(text: str, _: _Origin) -> float | None:
+    number = _parse_number(text)
+    try:
+        return None if number is None else check_prediction(number)
+    except InputError:
+        return None
+
+
+def _read_frame(text: str, origin: _Origin) -> TrackerFrame | None:
+    return TrackerFrame.parse(text, f"the frame in {origin.source}") if text else None
+
+
+def _read_seed(text: str, _: _Origin) -> int | None:
+    try:
+        return int(text) if text.isascii() and text.isdecimal() else None
+    except ValueError:  # more digits than Python converts
+        return None
+
+
+def _write_gains(run: RunConfig) -> str:
+    return "" if run.gains is None else json.dumps(asdict(run.gains))
+
+
+def _read_gains(text: str, origin: _Origin) -> Gains | None:
+    gains = _parse_object(text)
     if not gains:
         return None
     try:
         given: dict[str, Any] = {name: None if value is None else tuple(value) for name, value in gains.items()}
         return Gains(**given)
     except (TypeError, ValueError) as cause:  # another program may have written it
-        raise RecordingError(
-            f"{source} cannot be replayed: its gains are {quote(gains)} ({quote(str(cause), 200)[1:-1]})"
-        ) from cause
+        raise origin.refuse("gains", gains, cause) from cause
 
 
-def find_number(run: Mapping[str, str], key: str) -> float | None:
-    """Parse the positive number in the text `key` of `run`; None if there is none."""
+def _read_calibration(text: str, origin: _Origin) -> Calibration | None:
+    return Calibration.parse(text, f"the calibration in {origin.source}") if text else None
+
+
+def _read_part(text: str, origin: _Origin) -> WrenchPart | None:
     try:
-        number = float(run.get(key, ""))
+        return check_part(text) if text else None
+    except UnknownName as cause:
+        raise RecordingError(f"{origin.source} cannot be replayed: {cause}") from cause
+
+
+def _write_learned(run: RunConfig) -> str:
+    learned = run.learned or read_learned(run.device, run.estimator or check_estimator(run.device, None))
+    return b64encode(learned).decode()
+
+
+def _read_learned(text: str, _: _Origin) -> bytes:
+    try:
+        return b64decode(text, validate=True)
     except ValueError:
+        return b""
+
+
+def _write_coupling(run: RunConfig) -> str:
+    if (setting := run.coupling) is None:
+        return ""
+    hand = setting.hand
+    return json.dumps(
+        {
+            "rate_hz": float(setting.rate),
+            "mass_kg": float(hand.mass),
+            "damping_n_s_per_m": float(hand.damping),
+            "stiffness_n_per_m": float(hand.stiffness),
+            "estimator": setting.estimator,
+            "fed": setting.fed,
+            "latency_s": None if setting.latency is None else float(setting.latency),
+        }
+    )
+
+
+def _read_coupling(text: str, origin: _Origin) -> CouplingSetting | None:
+    noted = _parse_object(text)
+    if not noted:
         return None
-    return number if np.isfinite(number) and number > 0.0 else None
+    try:
+        hand = HandGrip(*(float(noted[key]) for key in ("mass_kg", "damping_n_s_per_m", "stiffness_n_per_m")))
+        estimator, fed, latency = noted["estimator"], noted["fed"], noted["latency_s"]
+        if not isinstance(fed, bool) or not isinstance(estimator, str) or _read_name(estimator, origin) is None:
+            raise TypeError("estimator must be a name, and fed true or false")
+        late = None if latency is None else float(latency)
+        return CouplingSetting(origin.device, check_rate(noted["rate_hz"]), hand, estimator, fed, late)
+    except (KeyError, TypeError, ValueError, OverflowError) as cause:  # another program may have written it
+        raise origin.refuse("conditions of the coupling", noted, cause) from cause
+
+
+#: Every field but `device` and `world`, which have records of their own, and `world_file`, which is not recorded.
+_NOTES = (
+    _Note("driver", "driver", lambda run: run.driver, _read_driver),
+    _Note("tracker", "tracker", lambda run: run.tracker, _read_tracker),
+    _Note("prediction", "prediction_s", lambda run: _write_number(run.prediction), _read_prediction),
+    _Note("frame", "frame", lambda run: "" if run.frame is None else run.frame.text(), _read_frame),
+    _Note("rate", "rate_hz", lambda run: _write_number(run.rate), lambda text, _: _parse_positive(text)),
+    _Note("seed", "seed", lambda run: str(run.seed), _read_seed),
+    _Note("model", "model", lambda run: run.model or run.device.tick_models[0], _read_name),
+    _Note("estimator", "estimator", lambda run: check_estimator(run.device, run.estimator), _read_name),
+    _Note("gains", "gains", _write_gains, _read_gains),
+    _Note(
+        "calibration", "calibration", lambda run: "" if run.calibration is None else run.calibration.text(),
+        _read_calibration,
+    ),
+    _Note(
+        "watchdog", "watchdog", lambda run: "yes" if run.watchdog else "no",
+        lambda text, _: {"yes": True, "no": False}.get(text),
+    ),
+    _Note("render", "render", lambda run: run.render or "", _read_part),
+    _Note(
+        "torque_arm", "torque_arm_m", lambda run: _write_number(run.torque_arm), lambda text, _: _parse_positive(text)
+    ),
+    _Note("learned", "learned", _write_learned, _read_learned),
+    _Note("coupling", "coupling", _write_coupling, _read_coupling),
+    _Note(
+        "hand", "hand", lambda run: "" if run.hand is None else f"{run.hand.name} {run.hand.digest}".strip(),
+        lambda text, _: None,
+    ),
+    _Note(
+        "hand_start", "hand_start", lambda run: run.hand_start, lambda text, _: text if text in HAND_STARTS else None
+    ),
+)  # fmt: skip

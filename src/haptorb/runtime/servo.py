@@ -17,6 +17,7 @@ from contextlib import ExitStack, suppress
 from contextvars import copy_context
 from functools import cached_property
 from importlib import import_module
+from inspect import signature
 from itertools import count
 from pathlib import Path
 from time import monotonic, sleep
@@ -1091,18 +1092,12 @@ async def _complete(work: Callable[[], None], cancelled: Callable[[], None] = la
         raise failures[0]
 
 
-_DEFAULTS: Mapping[str, Any] = {
-    "world": None, "driver": "sim", "tracker": "pointer", "prediction": PREDICTION, "frame": None, "rate": 1000.0,
-    "seed": 0, "model": None, "estimator": None, "gains": None, "calibration": None, "watchdog": True, "render": None,
-    "torque_arm": None, "grip": "light", "latency": None, "hand": None,
-}  # fmt: skip
-
-
 def _describe(device: str | Path | Device | RunConfig, settings: Mapping[str, Any]) -> RunConfig:
     """Make the description of a run, or return the given one. Raises InputError for settings beside a given one."""
     if not isinstance(device, RunConfig):
-        return RunConfig.of(device, settings["world"], **{name: settings[name] for name in settings if name != "world"})
-    beside = [name for name, usual in _DEFAULTS.items() if settings[name] is not usual and settings[name] != usual]
+        return RunConfig.of(device, **settings)
+    usual = {name: parameter.default for name, parameter in signature(RunConfig.of).parameters.items()}
+    beside = [name for name, value in settings.items() if value is not usual[name] and value != usual[name]]
     if beside:
         raise InputError(
             f"a RunConfig states everything about the run: leave out {', '.join(beside)}, or replace them in it"

@@ -25,7 +25,17 @@ if TYPE_CHECKING:
     from haptorb.devices.base import Device
     from haptorb.estimation.tracker_frame import TrackerFrame
 
-__all__ = ["TOKEN", "TRACKERS", "Preparation", "check_frame", "check_tracker", "feed_of", "has_feed", "prepare_tracker"]
+__all__ = [
+    "TOKEN",
+    "TRACKERS",
+    "Preparation",
+    "check_frame",
+    "check_tracker",
+    "feed_of",
+    "has_feed",
+    "is_tracker_name",
+    "prepare_tracker",
+]
 
 TRACKERS = ("pointer", "hall")  #: hall: the hand follows the pointer, but its pose is measured by the field sensors
 TOKEN = "HAPTORB_TRACKER_TOKEN"  #: environment variable with the token for senders on other computers
@@ -43,13 +53,23 @@ def has_feed(name: str) -> bool:
     return name not in TRACKERS
 
 
+def is_tracker_name(name: str) -> bool:
+    """Whether `name` is a tracker or begins as one of a process of its own; its port, name or file is not looked at.
+
+    >>> is_tracker_name("hall"), is_tracker_name("osc:9000"), is_tracker_name("osc")
+    (True, True, False)
+    """
+    kind, separator, _ = name.partition(":")
+    return not has_feed(name) or (kind in _KINDS and bool(separator))
+
+
 def check_tracker(name: str, driver: str = "sim") -> str:
     """Return `name`; UnknownName or InputError if it is not a tracker, or not for `driver`. Nothing is opened."""
     if not has_feed(name):
         return name
-    kind = _KINDS.get(name.partition(":")[0])
-    if kind is None or ":" not in name:
+    if not is_tracker_name(name):
         raise UnknownName("tracker", name, (*TRACKERS, *_FORMS))
+    kind = _KINDS[name.partition(":")[0]]
     from haptorb.runtime.trackers.formats import FORMATS, split_format
 
     where, words = split_format(name.partition(":")[2])
