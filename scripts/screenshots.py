@@ -257,7 +257,8 @@ def _record(path: Path) -> None:
         while (t := time.monotonic() - start) < 12.0:
             tilt, azimuth = 0.35 + 0.2 * np.sin(1.3 * t), 0.7 * t
             across = 0.0495 * np.sin(tilt)
-            servo.hand.point([across * np.cos(azimuth), across * np.sin(azimuth), 0.0495 * np.cos(tilt)], patience=0.5)
+            p = across * np.cos(azimuth), across * np.sin(azimuth), 0.0495 * np.cos(tilt)
+            servo.hand.point(p, keep_alive=0.5)
             if done < len(acts) and t > acts[done][0]:
                 acts[done][1]()
                 done += 1

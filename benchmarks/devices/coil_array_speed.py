@@ -131,7 +131,7 @@ def run_servo(device: CoilArray, seconds: float, moves: bool) -> float:
         while (now := monotonic() - start) < seconds:
             servo.check()
             way = (0.08 * np.sin(4 * now), 0.08 * np.sin(2.7 * now), 6e-3 * np.sin(5 * now) - 2e-3)
-            servo.hand.point(rest + np.array(way if moves else (0.0, 0.0, -6e-3)), patience=0.5)
+            servo.hand.point(rest + np.array(way if moves else (0.0, 0.0, -6e-3)), keep_alive=0.5)
             sleep(0.016)
             cursor, rows = servo.rows(cursor)
             read.append(rows.copy())

@@ -118,7 +118,7 @@ class StabilityCheck:
 def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | None) -> ScaleLimits:
     """Limits for `designs`, whose smallest stability `margin` is known, or None.
 
-    At the maximum gain a gain margin of `check.MIN_STABILITY_MARGIN` remains, and the peak force reaches the device's
+    At the maximum scale a gain margin of `check.MIN_STABILITY_MARGIN` remains, and the peak force reaches the device's
     torque limit.
     """
     from haptorb.analysis.stability import MIN_STABILITY_MARGIN
@@ -137,7 +137,7 @@ def find_limits(scale: TrueScale, designs: Sequence[Candidate], margin: float | 
         )
     else:
         reason = (
-            f"at that gain the device reaches its limit of {scale.limit:g} N·m at the greatest force "
+            f"at that scale the device reaches its limit of {scale.limit:g} N·m at the greatest force "
             f"({max(peaks):.1f} N)"
         )
     found = min(stable, full)

@@ -100,7 +100,7 @@ class TrialDevice:
             theta, phi = hypot(x, y), atan2(y, x)
             way = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
             # At contact: the hand rests on the dome without pressing.
-            self.servo.hand.point(way * self.contact, patience=_HAND_KEEP_ALIVE_S)
+            self.servo.hand.point(way * self.contact, keep_alive=_HAND_KEEP_ALIVE_S)
 
     @property
     def position(self) -> tuple[float, float, float] | None:

@@ -63,7 +63,10 @@ def test_pull_the_plug_turn_it_and_stop(motor):
 
     # The other mode: the plug turns, and stays where it is.
     page.keyboard.press("r")
-    screen.until("haptorb.value('mode')[0] === 2 && haptorb.value('share')[1] === 1 && haptorb.value('share')[0] === 0")
+    screen.until(
+        "haptorb.value('mode')[0] === 2 && haptorb.value('clutch_share')[1] === 1"
+        " && haptorb.value('clutch_share')[0] === 0"
+    )
     assert page.get_by_role("button", name="rotate").first.get_attribute("aria-pressed") == "true"
     before = screen.value("object")
     _, _, end = screen.tell("haptorb.stylus()")
@@ -80,7 +83,7 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     # Let go while C is down: the handle turns back, the plug does not.
     page.locator("#target-scene").click(position={"x": 200, "y": 300})
     page.keyboard.down("c")
-    screen.until("haptorb.value('engaged')[0] === 0 && haptorb.value('share').every((x) => x === 0)")
+    screen.until("haptorb.value('engaged')[0] === 0 && haptorb.value('clutch_share').every((x) => x === 0)")
     screen.until("document.getElementById('clutch-word').textContent === 'released'")
     turned, handle = screen.value("object_q"), screen.value("q")
     for _ in range(3):
@@ -89,7 +92,7 @@ def test_pull_the_plug_turn_it_and_stop(motor):
     screen.until(f"Math.abs(haptorb.value('q')[2] - {handle[2]}) > 0.02")
     assert screen.value("object_q") == pytest.approx(turned, abs=1e-6)
     page.keyboard.up("c")
-    screen.until("haptorb.value('engaged')[0] === 1 && haptorb.value('share')[1] === 1")
+    screen.until("haptorb.value('engaged')[0] === 1 && haptorb.value('clutch_share')[1] === 1")
 
     page.keyboard.press("t")
     screen.until("haptorb.value('mode')[0] === 1")

@@ -201,7 +201,7 @@ def test_a_program_on_a_motor(libraries: Path, tmp_path: Path) -> None:
     assert found["rotate"] == pytest.approx([0.0, 0.0, 0.0, 0.4, 0.3, 0.2], abs=1e-3)
     assert np.abs(p).max() < 0.2
     rows = run.recording
-    mode, share, asked = (np.asarray(rows[name]) for name in ("mode", "share", "wrench_commanded"))
+    mode, share, asked = (np.asarray(rows[name]) for name in ("mode", "clutch_share", "wrench_commanded"))
     q = np.asarray(rows["q"])
     upright = np.abs(q[:, :2]).max(axis=1) < 0.15
     pushed = (mode == 1) & (share[:, 0] == 1.0) & (np.abs(rows["object_wrench"][:, 2] - 4.0) < 1e-6) & upright

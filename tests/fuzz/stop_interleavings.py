@@ -131,7 +131,7 @@ class Host:
     def report(self) -> dict[str, Any]:
         return {"trips": []}
 
-    def point(self, p: Any, q: Any = None, *, patience: float = 0.0) -> None:
+    def point(self, p: Any, q: Any = None, *, keep_alive: float = 0.0) -> None:
         self._shared.pointer.write(True, np.asarray(p, float), np.array([0.0, 0, 0, 1]), self.now)
 
     def set_world(self, name: str, values: Any = None) -> None:  # nobody waits for the answer: the loop is this thread

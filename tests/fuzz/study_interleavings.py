@@ -250,7 +250,7 @@ class Servo:
         """It takes the commands to the hand itself."""
         return self
 
-    def point(self, p: Any, *, patience: float = 0.0) -> None:
+    def point(self, p: Any, *, keep_alive: float = 0.0) -> None:
         """The hand."""
 
     def rows(self, cursor: int = 0) -> tuple[int, np.ndarray]:

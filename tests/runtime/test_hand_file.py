@@ -169,7 +169,7 @@ def test_a_servo_plays_it_by_the_loops_clock_with_buttons_and_grip(tmp_path: Pat
     motion = read_hand(tmp_path / "a.hand", OMNI)
     with Servo("omni", hand=tmp_path / "a.hand", record=tmp_path / "run.mcap") as servo:
         servo.run(0.8)
-        servo.hand.point((0.0, 0.0, 0.06), patience=1.0)  # a person goes before the file
+        servo.hand.point((0.0, 0.0, 0.06), keep_alive=1.0)  # a person goes before the file
         servo.run(0.2)
         assert servo.latest().hand_goal.tolist() == [0.0, 0.0, 0.06]
         assert servo.latest().buttons == 0.0

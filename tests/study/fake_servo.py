@@ -38,7 +38,7 @@ class FakeServo:
         """It takes the commands to the hand itself."""
         return self
 
-    def point(self, p: np.ndarray, *, patience: float = 0.0) -> None:
+    def point(self, p: np.ndarray, *, keep_alive: float = 0.0) -> None:
         self.p = p
 
     def check(self) -> None:

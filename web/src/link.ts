@@ -19,10 +19,10 @@ const HEARTBEAT_INTERVAL_MS = 50; // to the worker
 export class Link {
   private worker!: Worker;
 
-  /** `patience`: without a heartbeat from this page for so long, the stylus is released [ms] */
+  /** `heartbeatTimeout`: without a heartbeat from this page for so long, the stylus is released [ms] */
   constructor(
     private readonly token: string,
-    private readonly patience: number,
+    private readonly heartbeatTimeout: number,
     private readonly listener: Listener,
   ) {
     this.open();
@@ -30,7 +30,7 @@ export class Link {
   }
 
   private open(): void {
-    const { listener, token, patience } = this;
+    const { listener, token, heartbeatTimeout } = this;
     this.worker = new Worker("static/socket.js", { type: "module" });
     let started = false;
     // If the script could not be loaded, try again: without the worker the page has no connection.
@@ -50,7 +50,7 @@ export class Link {
         }
       }
     };
-    this.post({ kind: "open", url: socketAddress("ws"), protocols: ["haptorb", `token.${token}`], patience });
+    this.post({ kind: "open", url: socketAddress("ws"), protocols: ["haptorb", `token.${token}`], heartbeatTimeout });
   }
 
   point(pointer: PointerMessage): void {

@@ -113,7 +113,7 @@ class Console {
     if (this.scene.colours === "currents") this.legend.coils(this.drawing.range, session.scene.gives);
     if (this.scene.colours === "none") this.legend.arrows();
     this.legend.device(session.scene);
-    this.link = new Link(token(), 1000 * session.patience, {
+    this.link = new Link(token(), 1000 * session.heartbeat_timeout, {
       onOpen: () => void this.onOpen(),
       onClose: (code, reason) => void this.onClose(code, reason),
       frame: (frame, receivedAt) => {

@@ -151,7 +151,7 @@ export interface FeelState {
   b: number;
   designs: { number: number; label: string; score: number | null; remarks: string[] }[];
   /** `now`: factor on all torques of the handle; `hand`: force at the hand per force on the part */
-  gain: { now: number; low: number; high: number; reason: string; hand: number };
+  torque_scale: { now: number; low: number; high: number; reason: string; hand: number };
   finished: boolean;
 }
 
@@ -162,7 +162,7 @@ export interface Session {
   /** whether the page's pointer is the tracker; otherwise dragging has no effect */
   steered: boolean;
   /** heartbeat timeout of a page that holds the mover [s] */
-  patience: number;
+  heartbeat_timeout: number;
   device: { name: string; title: string; source: string };
   /** "dome", "motor" or "plate"; any other kind is drawn as axes and a marker */
   scene: Scene;

@@ -1,12 +1,12 @@
 // WebSocket in a worker, so that the pose of a drag is repeated every 12 ms even while the page is busy drawing.
-// A frozen page must not hold a powered stylus: without a heartbeat from the page for `patience`, the pose is discarded;
-// it then expires, and a simulated hand releases the tool.
+// A frozen page must not hold a powered stylus: without a heartbeat from the page for `heartbeatTimeout`, the pose is
+// discarded; it then expires, and a simulated hand releases the tool.
 
 import { encodePointerMessage, type PointerMessage } from "./wire";
 
 /** message from the page to this worker */
 export type ToSocket =
-  | { kind: "open"; url: string; protocols: string[]; patience: number }
+  | { kind: "open"; url: string; protocols: string[]; heartbeatTimeout: number }
   | { kind: "alive" }
   | { kind: "pointer"; pointer: PointerMessage }
   | { kind: "drop" }
@@ -33,7 +33,7 @@ let socket: WebSocket | null = null;
 let held: PointerMessage | null = null;
 let sent = 0;
 let alive = 0;
-let patience = 0; // heartbeat timeout [ms]
+let heartbeatTimeout = 0; // [ms]
 
 function send(data: string | ArrayBuffer): void {
   if (socket?.readyState === WebSocket.OPEN) socket.send(data);
@@ -64,7 +64,7 @@ page.onmessage = ({ data: message }) => {
   alive = performance.now();
   switch (message.kind) {
     case "open":
-      patience = message.patience;
+      heartbeatTimeout = message.heartbeatTimeout;
       open(message.url, message.protocols);
       break;
     case "alive":
@@ -85,7 +85,7 @@ page.onmessage = ({ data: message }) => {
 
 setInterval(() => {
   const now = performance.now();
-  if (now - alive >= patience) drop();
+  if (now - alive >= heartbeatTimeout) drop();
   else if (held && now - sent >= POSE_INTERVAL_MS - TIMER_TOLERANCE_MS) {
     send(encodePointerMessage(held));
     sent = now;

@@ -91,13 +91,13 @@ def notify_missing_pose(servo: Servo) -> Iterator[None]:
     ended = Event()
 
     def poll() -> None:
-        last_text, patience = "", _FIRST_CHECK_S
-        while not ended.wait(patience):
-            patience = _FIRST_CHECK_S
+        last_text, interval = "", _FIRST_CHECK_S
+        while not ended.wait(interval):
+            interval = _FIRST_CHECK_S
             text = servo.missing_pose if servo.alive else ""
             if text and text != last_text:
                 notify(f"{text[0].upper()}{text[1:]}")
-                patience = _REPEAT_INTERVAL_S
+                interval = _REPEAT_INTERVAL_S
             last_text = text
 
     poller = Thread(target=poll, name="missing pose", daemon=True)

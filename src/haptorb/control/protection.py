@@ -68,16 +68,16 @@ def protect_wrench(
 @tick_kernel
 def protect_currents(
     state: Records, coils: Records, requested: Array, matrix: Array, currents: Array, age: float, temperatures: Array,
-    applied: Array, duties: Array,
+    duty_applied: Array, duty_commanded: Array,
 ) -> None:  # fmt: skip
-    """Fill duties (m,) for the `requested` currents (m,) [A]: limited, then driven; zero when the guard is off.
+    """Fill duty_commanded (m,) for the `requested` currents (m,) [A]: limited, then driven; zero if the guard is off.
 
     state (1,) PROTECTION and coils (m,) COIL; matrix (6, m) wrench per ampere; currents (m,) [A], `age` [s] old, and
-    temperatures (m,) [K] are readings; applied (m,) are the duties since the last tick.
+    temperatures (m,) [K] are readings; duty_applied (m,) of the driver since the last tick.
     """
     s = state[0]
     clock, g, heat = s.clock, s.guard, s.heat
-    _keep_readings(coils, matrix, currents, temperatures, applied)
+    _keep_readings(coils, matrix, currents, temperatures, duty_applied)
     _induce(s.estimate, coils)
     plausible = check_currents(clock, coils, age)
     reason = check_readings(coils)
@@ -96,7 +96,7 @@ def protect_currents(
     else:
         rest_coils(coils)
     for j in range(coils.size):
-        duties[j] = coils[j].duty
+        duty_commanded[j] = coils[j].duty
 
 
 @kernel
@@ -116,10 +116,10 @@ def _keep_estimate(e: Record, p: Array, R: Array, v: Array, w: Array) -> None:
 
 
 @kernel
-def _keep_readings(coils: Records, matrix: Array, currents: Array, temperatures: Array, applied: Array) -> None:
+def _keep_readings(coils: Records, matrix: Array, currents: Array, temperatures: Array, duty_applied: Array) -> None:
     for j in range(coils.size):
         c = coils[j]
-        c.current, c.boundary, c.applied = currents[j], temperatures[j], applied[j]
+        c.current, c.boundary, c.applied = currents[j], temperatures[j], duty_applied[j]
         for i in range(6):
             c.wrench[i] = matrix[i, j]
 
@@ -146,14 +146,14 @@ class Protection(Stateful):
     state   (1,) PROTECTION and coils (m,) COIL: its whole state
     wrench_commanded  (6,) wrench that may be commanded now [N, N·m]
     commanded  (6,) part of the world's wrench that a client commands in this tick [N, N·m]; the tick fills it
-    duties  (m,) of this tick, −1 to 1
+    duty_commanded  (m,) of this tick, −1 to 1
     """
 
     def __init__(self, device: Device, dt: float, arm: float = 0.0) -> None:
         self.coils: Records = make_coils(device)
         lag = lag_of(self.coils["resistance"], self.coils["inductance"], dt)
         self.state: Records = make_state(device, dt, arm, lag)
-        self.duties: Array = state_zeros(device.channels)
+        self.duty_commanded: Array = state_zeros(device.channels)
         self._guard: Records = self.state["guard"]
         # Read and written in every tick: access to scalars through a memoryview is twice as fast.
         self._state: Any = self._guard["state"].data
@@ -166,7 +166,7 @@ class Protection(Stateful):
 
     def state_arrays(self) -> Mapping[str, StateArray]:
         """Guard, heat, current check, passivity control and drive."""
-        return {"state": self.state, "coils": self.coils, "duties": self.duties}
+        return {"state": self.state, "coils": self.coils, "duties": self.duty_commanded}
 
     def apply_state(self) -> None:
         """Check the restored state. Raises ValueError for an unknown state or reason."""
@@ -272,13 +272,15 @@ class Protection(Stateful):
         )  # fmt: skip
         return self.wrench_commanded
 
-    def protect_currents(self, current_requested: Array, estimate: Estimate, sample: Sample, applied: Array) -> Array:
-        """(m,) duties for the part of `current_requested` (m,) [A] that may flow, after the `applied` (m,) ones.
+    def protect_currents(
+        self, current_requested: Array, estimate: Estimate, sample: Sample, duty_applied: Array
+    ) -> Array:
+        """`duty_commanded` (m,) for the part of `current_requested` (m,) [A] that may flow, after `duty_applied` (m,).
 
         Currents within limits and slew, derated when warm, zero when off or tripped. Duties in −1 to 1.
         """
         protect_currents(
             self.state, self.coils, current_requested, estimate.wrench_map.matrix, sample.currents, sample.currents_age,
-            sample.temperatures, applied, self.duties,
+            sample.temperatures, duty_applied, self.duty_commanded,
         )  # fmt: skip
-        return self.duties
+        return self.duty_commanded

@@ -53,7 +53,7 @@ _PARTS: dict[str, tuple[str, tuple[str, ...]]] = {
     **dict.fromkeys(("q", "hand_goal_q", "object_q"), ("quaternion", _TURN)),
     **dict.fromkeys(("wrench_commanded", "wrench_model", "wrench_actual", "object_wrench"), ("component", _WRENCH)),
     "stages": ("stage", STAGES),
-    "share": ("motion", ("translation", "rotation")),
+    "clutch_share": ("motion", ("translation", "rotation")),
     "contacts": ("hook", tuple(f"{part}_{hook}" for hook in (1, 2) for part in _HOOK)),
 }
 _CHANNELS = frozenset({"current_commanded", "current_measured", "duty_applied", "resistance", "boundary", "winding"})

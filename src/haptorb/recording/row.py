@@ -40,6 +40,7 @@ EARLIER_NAMES: Mapping[str, str] = MappingProxyType(
         "target": "hand_goal", "target_q": "hand_goal_q", "asked": "wrench_commanded", "modelled": "wrench_model",
         "given": "wrench_actual", "wanted": "current_commanded", "currents": "current_measured",
         "duties": "duty_applied", "drive": "duty_commanded", "currents_age": "current_age",
+        "share": "clutch_share",
     }
 )  # fmt: skip
 
@@ -131,7 +132,7 @@ class RowLayout:
             Field("field", 3 * k, "T", "field sensors, x y z each"),
             Field("mode", 1, "1", "mode of the mover: 0 direct, 1 translate, 2 rotate"),
             Field("engaged", 1, "1", "clutch: 1 the handle moves the object, 0 released to reach further"),
-            Field("share", 2, "1", "clutch shares of translation and rotation, 0 to 1"),
+            Field("clutch_share", 2, "1", "clutch shares of translation and rotation, 0 to 1"),
             Field("object", 3, "m", "position of the object: the mover, or what a motor moves (X', Y', Z')"),
             Field("object_q", 4, "1", "orientation of the object as a quaternion (x, y, z, w)"),
             Field("object_wrench", 6, "N, N·m", "wrench of the world on the object, before modes and guard"),

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import final
+from warnings import warn
 
 from numpy.typing import ArrayLike
 
@@ -131,7 +132,9 @@ class HandCommands:
         self._writing = threading.Lock()
         self._repeater: PoseRepeater | None = None
 
-    def point(self, p: ArrayLike, q: ArrayLike | None = None, *, patience: float = 0.0) -> None:
+    def point(
+        self, p: ArrayLike, q: ArrayLike | None = None, *, keep_alive: float = 0.0, patience: float | None = None
+    ) -> None:
         """Move the simulated hand to a pose, once.
 
         Repeat the call within the device's `limits.expiry`, else the pose counts as lost; `hold` and `follow` do that
@@ -144,25 +147,30 @@ class HandCommands:
         q : array_like, shape (4,), optional
             Orientation as a unit quaternion (x, y, z, w) [1]; None: its axis radial, or upright over a plate
             (`Device.is_upright`).
-        patience : float
+        keep_alive : float
             Time for which a simulated hand stays there longer [s], at most 1 s, for a program that may not get a
             processor. The pose of a real tool expires regardless of it.
+        patience : float, optional
+            Earlier name of `keep_alive`.
 
         Raises
         ------
         InputError
             For another shape, a number that is not finite, a position more than 1 m from the device's centre, a zero
-            quaternion, or a patience outside 0 to 1 s.
+            quaternion, or a keep-alive outside 0 to 1 s.
         ServoError
             Before the start.
         """
         place, turn = self._check_pose(p, q)
-        if not 0.0 <= patience <= _MAX_KEEP_ALIVE_S:
-            raise InputError(f"patience must be between 0 and {_MAX_KEEP_ALIVE_S:g} s; got {patience:g}")
+        if patience is not None:
+            warn("point(patience=...) is now called keep_alive", DeprecationWarning, stacklevel=2)
+            keep_alive = patience
+        if not 0.0 <= keep_alive <= _MAX_KEEP_ALIVE_S:
+            raise InputError(f"keep_alive must be between 0 and {_MAX_KEEP_ALIVE_S:g} s; got {keep_alive:g}")
         memory = self._memory()
         with self._writing:
             self._end_repeater()
-            memory.pointer.write(True, place, turn, monotonic(), patience)
+            memory.pointer.write(True, place, turn, monotonic(), keep_alive)
 
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
         """Hold the simulated hand at a pose, until `release` or another command.

@@ -592,7 +592,7 @@ class Servo:
         self._memory.words[Word.BUTTONS] = sum(1 << i for i, name in enumerate(BUTTONS) if name in buttons)
 
     def set_mode(self, mode: str) -> None:
-        """Change the mode of a motor, without a step of the target's pose or of torque.
+        """Change the mode of a motor, without a step of the object's pose or of torque.
 
         Parameters
         ----------
@@ -628,7 +628,7 @@ class Servo:
     def set_torque_scale(self, scale: float) -> None:
         """Scale all torques of a motor's handle, without a step.
 
-        The motion does not change, so the wrench on the target feels weaker or stronger.
+        The motion does not change, so the wrench on the object feels weaker or stronger.
 
         Parameters
         ----------
@@ -759,7 +759,7 @@ class Servo:
 
     def _await_answer(self, shared: SharedMemory, name: str, longest: float) -> None:
         """Wait until the request for the world `name` is answered, for at most `longest` [s]."""
-        patience = monotonic() + longest
+        deadline = monotonic() + longest
         while True:
             text = shared.answer.read()[1]
             number, error = parse_answer(text)
@@ -769,12 +769,12 @@ class Servo:
                 return
             if not self.world_ahead and parse_postponement(text) == self._requests:
                 self.world_ahead, longest = name, _COMPILE_TIMEOUT_S
-                patience = monotonic() + longest
+                deadline = monotonic() + longest
                 self._processes.compiler.compile_world(name)
             self.check()
             if self.world_ahead:
                 self._processes.compiler.check()
-            if monotonic() > patience:
+            if monotonic() > deadline:
                 raise ServoError(f"the servo did not respond within {longest:g} s; close other programs, and try again")
             sleep(0.0005)
 
@@ -1024,7 +1024,7 @@ class Servo:
         patience : float
             Time for which a simulated hand stays there longer [s].
         """
-        self.hand.point(p, q, patience=patience)
+        self.hand.point(p, q, keep_alive=patience)
 
     def hold(self, p: ArrayLike, q: ArrayLike | None = None) -> None:
         """Earlier name of `hand.hold`; see there.

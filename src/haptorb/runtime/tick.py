@@ -191,12 +191,12 @@ def fill_quaternion(R: Array, q: Array) -> None:
 @tick_kernel
 def fill_row(
     row: Array, places: Records, state: Records, coils: Records, hand_goal: Array, wrench_actual: Array,
-    applied: Array, field: Array, stages: Array,
+    duty_applied: Array, field: Array, stages: Array,
 ) -> None:  # fmt: skip
     """Fill the fields of `row` (width,) on device and protection, at the `places` of the `RowLayout`.
 
     state (1,) PROTECTION and coils (m,) COIL; hand_goal (7,) position [m] and quaternion; wrench_actual
-    (6,) [N, N·m]; applied (m,) duties; field (k, 3) [T]; stages (7,) [s].
+    (6,) [N, N·m]; duty_applied (m,) of the driver; field (k, 3) [T]; stages (7,) [s].
     """
     at, s = places[0], state[0]
     e, g, heat, passivity = s.estimate, s.guard, s.heat, s.passivity
@@ -208,7 +208,7 @@ def fill_row(
     _copy(row, at.hand_goal, hand_goal)  # and hand_goal_q, which follows
     _copy(row, at.wrench_commanded, g.wrench_commanded[:])
     _copy(row, at.wrench_actual, wrench_actual)
-    _copy(row, at.duty_applied, applied)
+    _copy(row, at.duty_applied, duty_applied)
     for i in range(6):
         row[at.wrench_model + i] = 0.0
     for j in range(coils.size):
@@ -262,7 +262,7 @@ def fill_object(
             held[5 + 3 * i + j] = R[i, j]
     for i in range(held.size - 14):
         held[14 + i] = contacts[i // 8, i % 8] if i < contacts.size else 0.0
-    _copy(row, at.share, share)
+    _copy(row, at.clutch_share, share)
     _copy(row, at.object, p)
     fill_quaternion(R, row[at.object_q : at.object_q + 4])
     _copy(row, at.object_wrench, wrench)
@@ -496,7 +496,7 @@ class Tick(Stateful):
         self.gripper = None if gripper is None else GripperGuard(gripper, dt)
         self.layout = RowLayout.of(device)
         self._failure: tuple[Trip, BaseException] | None = None  # first one since the last engage
-        self._zeros, self._applied = np.zeros(device.channels), np.zeros(device.channels)
+        self._zeros, self._duty_applied = np.zeros(device.channels), np.zeros(device.channels)
         self._nothing, self._no_memory = np.zeros(6), np.zeros(0)
         #: object in the last tick that rendered: share (2,), place (3,), R (3, 3) and contacts
         self._kept, self._kept_cells = make_block(
@@ -629,7 +629,7 @@ class Tick(Stateful):
         body = rendered.object
         fill_row(
             row, self._places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.wrench_actual(),
-            self._applied, field, self._stages,
+            self._duty_applied, field, self._stages,
         )  # fmt: skip
         fill_pose(row, self._cells[0], turn, still, still, still, 0.0, False, 0.0, 0.0)
         fill_object(
@@ -662,11 +662,11 @@ class Tick(Stateful):
         )  # fmt: skip
         allocation = self._allocate(estimate.wrench_map, asked)
         t4 = perf_counter()
-        duties = protection.protect_currents(allocation.currents, estimate, sample, self._applied)
+        duty_commanded = protection.protect_currents(allocation.currents, estimate, sample, self._duty_applied)
         t5 = perf_counter()
         squeezed = np.nan
         try:
-            self._applied = self.driver.write(duties)
+            self._duty_applied = self.driver.write(duty_commanded)
             if self.gripper is not None:
                 wanted = 0.0 if self._bound is None else self._bound.gripper_force
                 squeezed = self.driver.write_grip_force(self.gripper.limit(wanted, protection.gain, self._session[0]))
@@ -682,7 +682,7 @@ class Tick(Stateful):
         places, body, pose = self._places, rendered.object, sample.pose
         fill_row(
             row, places, protection.state, protection.coils, self.driver.hand_goal(), self.driver.wrench_actual(),
-            self._applied, sample.field, self._stages,
+            self._duty_applied, sample.field, self._stages,
         )  # fmt: skip
         fill_pose(
             row, ages, pose.R_SR, pose.p, pose.v, pose.w, pose.t, pose.valid, sample.currents_age, sample.field_age
@@ -753,7 +753,7 @@ class Tick(Stateful):
 
     def gather_state(self) -> None:
         """Copy the scalar state to its arrays."""
-        self._kept["applied"][:] = self._applied
+        self._kept["applied"][:] = self._duty_applied
         cells, bound = self._kept_cells, self._bound
         cells[0], cells[1], cells[2] = self.world_changes, self._model, self._log.scale
         cells[3], cells[4] = self._object_mode, self._object_engaged
@@ -761,7 +761,7 @@ class Tick(Stateful):
 
     def apply_state(self) -> None:
         """Restore the scalar state from its arrays."""
-        self._applied = self._kept["applied"].copy()
+        self._duty_applied = self._kept["applied"].copy()
         changes, self._model, scale, mode, engaged, paused, failed = self._kept_cells
         self.world_changes, self._object_mode = choose(changes, 1 << 53), choose(mode, 1 + len(MODES))
         self._log.scale, self._object_engaged = scale, bool(engaged)
@@ -789,15 +789,15 @@ class Tick(Stateful):
     def _switch_off(self, row: Array, now: float) -> None:
         """Switch off when the device does not respond, and record that in the row."""
         try:
-            self._applied = self.driver.write(self._zeros)
+            self._duty_applied = self.driver.write(self._zeros)
             if self.gripper is not None:  # safety: gripper-off-in-silence
                 self.driver.write_grip_force(self.gripper.limit(0.0, 0.0, 0.0))
         except HaptorbError:
             self._log.fail(TickFailure.WRITE)
-            self._applied = self._zeros
+            self._duty_applied = self._zeros
         self.protection.skip_tick(now)
         fill_silent_row(row, self.layout, self.protection, self.driver.coil_state, now)
-        row[self.layout["world"]], row[self.layout["duty_applied"]] = self.world_changes, self._applied
+        row[self.layout["world"]], row[self.layout["duty_applied"]] = self.world_changes, self._duty_applied
         self._log.fill(row.data, self._log_places)
 
 

@@ -372,8 +372,8 @@ class NativeServer:
         self._direct = not served.facts.get("modes")
         layout = served.layout
         names = (
-            "t", "wall", "valid", "guard", "trip", "v", "w", "winding", "part", "gain", "share", "gripper", "gripper_v",
-            "gripper_force",
+            "t", "wall", "valid", "guard", "trip", "v", "w", "winding", "part", "gain", "clutch_share", "gripper",
+            "gripper_v", "gripper_force",
         )  # fmt: skip
         self._at = {name: layout[name] for name in names}
         self._at["p"] = layout["p" if self._direct else "object"]
@@ -483,7 +483,7 @@ class NativeServer:
             part = n[at["part"].start]
             pushes, turns = float(part != 1.0), float(part != 0.0 and self._hardware.torque > 0.0)
         else:  # the world's wrench as passed by guard and clutch
-            gain, (moving, turning) = _finite([n[at["gain"].start]])[0], _finite(n[at["share"]])
+            gain, (moving, turning) = _finite([n[at["gain"].start]])[0], _finite(n[at["clutch_share"]])
             pushes, turns = gain * moving, gain * turning
         return tuple(pushes * one for one in wrench[:3]), tuple(turns * one for one in wrench[3:])
 

@@ -386,7 +386,7 @@ class PointerRelay:
 
     def point(self, pointer: PointerMessage) -> None:
         """Forward a pointer that moved or was released at `pointer.p`."""
-        self._servo.hand.point(pointer.p, pointer.q, patience=self._keep_alive)
+        self._servo.hand.point(pointer.p, pointer.q, keep_alive=self._keep_alive)
         self.held = pointer.held
         self._resting = None if pointer.held else (pointer.p, pointer.q)
         if not pointer.held:
@@ -398,10 +398,10 @@ class PointerRelay:
     def refresh(self) -> None:
         """Refresh a hand at rest, or one whose page stutters; call it more often than the device's expiry."""
         if self._resting is not None:
-            self._servo.hand.point(*self._resting, patience=self._keep_alive)
+            self._servo.hand.point(*self._resting, keep_alive=self._keep_alive)
         elif self._last is not None:
             if time.monotonic() - self._last[2] < self._grace:  # safety: pointer-bridged
-                self._servo.hand.point(self._last[0], self._last[1], patience=self._keep_alive)
+                self._servo.hand.point(self._last[0], self._last[1], keep_alive=self._keep_alive)
             else:
                 self.drop()
 
@@ -542,7 +542,7 @@ def session(servo: Servo | RecordedServo, started: str) -> dict[str, Any]:
         "started": started,
         "simulated": servo.driver == "sim",
         "steered": not has_feed(servo.tracker),
-        "patience": hang_timeouts_for(servo.driver).page,
+        "heartbeat_timeout": hang_timeouts_for(servo.driver).page,
         "device": {"name": device.name, "title": device.title, "source": device.source},
         "scene": {"gives": "force", **describe_scene(device)},
         "modes": list(servo.modes),

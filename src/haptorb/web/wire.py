@@ -45,7 +45,7 @@ COLUMNS = (
 )
 
 #: further columns of a device with modes, whose mover moves an object
-MODED = ("mode", "engaged", "share", "object", "object_q", "object_wrench", "contacts")
+MODED = ("mode", "engaged", "clutch_share", "object", "object_q", "object_wrench", "contacts")
 
 #: largest distance of a valid pointer pose from the origin [m]
 MAX_DISTANCE_M = 1.0

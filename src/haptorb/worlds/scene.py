@@ -141,16 +141,16 @@ class Scene(DynamicWorld):
         Name of the held body; it, or a parent body, needs a joint. Empty: the one that the file names,
         <custom><text name="held" data="BODY"/></custom>, else "peg".
     anchored : bool
-        True: the mover starts at the body's pose in the scene, as a motor's target does.
+        True: the mover starts at the body's pose in the scene, as a motor's object does.
 
     Notes
     -----
-    The coupling is a spring and a damper between the mover and the origin of the body's frame; for a motor's target it
+    The coupling is a spring and a damper between the mover and the origin of the body's frame; for a motor's object it
     also couples the orientation. The hand feels the coupling, so the loop is stable with any passive scene if it is
     stable with the coupling against a wall (Colgate et al. 1995). With stiffness 0 a servo chooses the coupling for its
     rate, latency and hand.
 
-    A tool's position is in the stator frame, in metres, times `scale`. A motor's target begins at zero, at the initial
+    A tool's position is in the stator frame, in metres, times `scale`. A motor's object begins at zero, at the initial
     pose of the body. The hand feels `scale` times the force, so that power is the same as in the scene.
 
     Actuators hold the controls of the file's first keyframe, else zero; `control_1` to `control_8` change those of the
@@ -229,16 +229,16 @@ class Scene(DynamicWorld):
 
     def for_device(self, device: Device) -> Scene:
         """With the limits of `device`, and the coupling in six degrees of freedom for one with an object."""
-        target, limits = bool(device.kind.modes), device.limits
-        stiffness, damping = (self.stiffness, self.damping) if self.stiffness else UNCHOSEN[target][:2]
+        moves_object, limits = bool(device.kind.modes), device.limits
+        stiffness, damping = (self.stiffness, self.damping) if self.stiffness else UNCHOSEN[moves_object][:2]
         turn, turn_damping = self.turn_stiffness, self.turn_damping
-        if target and not turn:
-            turn, turn_damping = UNCHOSEN[target][2:]
+        if moves_object and not turn:
+            turn, turn_damping = UNCHOSEN[moves_object][2:]
         return replace(
             self, stiffness=stiffness, damping=damping, turn_stiffness=turn, turn_damping=turn_damping,
-            greatest=self.greatest or (_TARGET_FORCE if target else limits.force / self.scale),
-            turn_greatest=self.turn_greatest or (_TARGET_TORQUE if target else max(limits.torque, 1e-3)),
-            anchored=target,
+            greatest=self.greatest or (_OBJECT_FORCE if moves_object else limits.force / self.scale),
+            turn_greatest=self.turn_greatest or (_OBJECT_TORQUE if moves_object else max(limits.torque, 1e-3)),
+            anchored=moves_object,
         )  # fmt: skip
 
     @cached_property
@@ -384,7 +384,7 @@ _CONTROLS = tuple(f"control_{n}" for n in range(1, 9))  #: parameters for the co
 #: with an object or not: default stiffness, damping, and both about each axis: well within the stability limit of
 #: every loop at 1 kHz with a light hand
 UNCHOSEN = {False: (150.0, 1.0, 0.0, 0.0), True: (1000.0, 5.0, 0.5, 0.005)}
-_TARGET_FORCE, _TARGET_TORQUE = 60.0, 2.0  #: limits on the wrench on an object [N, N·m]; the guard limits it further
+_OBJECT_FORCE, _OBJECT_TORQUE = 60.0, 2.0  #: limits on the wrench on an object [N, N·m]; the guard limits it further
 
 
 # --------------------------------------------------------------------------------------------------

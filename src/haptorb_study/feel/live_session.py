@@ -17,7 +17,7 @@ from haptorb.errors import InputError, UnknownName, quote
 from haptorb_study.feel.designs import Candidate, Candidates
 from haptorb_study.feel.records import DesignRating
 from haptorb_study.feel.session import SCORES, FeelSession, check_person
-from haptorb_study.feel.torque_scale import MIN_GAIN, ScaleLimits
+from haptorb_study.feel.torque_scale import MIN_SCALE, ScaleLimits
 from haptorb_study.feel.trace import FELT, Trace
 from haptorb_study.feel.trace_collector import LiveFeeling, TraceCollector, store_feeling, world_key
 
@@ -126,9 +126,9 @@ class LiveSession:
                     for number, design in enumerate(order, 1)
                 ],
                 "finished": self.finished,
-                "gain": {
+                "torque_scale": {
                     "now": self._scale,
-                    "low": MIN_GAIN,
+                    "low": MIN_SCALE,
                     "high": self.limits.largest,
                     "reason": self.limits.reason,
                     "hand": self.limits.hand_per_part * self._scale,
@@ -236,20 +236,20 @@ class LiveSession:
         with self._lock:
             self._check_running()
             largest = self.limits.largest
-            if isinstance(scale, bool) or not isinstance(scale, int | float) or not MIN_GAIN <= scale <= largest:
-                wanted = f"between {MIN_GAIN:g} and {largest:.3g} ({self.limits.reason})"
-                raise InputError(f"the gain must lie {wanted}; got {quote(scale)}")
+            if isinstance(scale, bool) or not isinstance(scale, int | float) or not MIN_SCALE <= scale <= largest:
+                wanted = f"between {MIN_SCALE:g} and {largest:.3g} ({self.limits.reason})"
+                raise InputError(f"the torque scale must lie {wanted}; got {quote(scale)}")
             if self._servo is not None:
                 self._servo.set_torque_scale(float(scale))
             self._scale = float(scale)
             self.feel(self.current)
-            self._notify(f"gain {scale:g}")
+            self._notify(f"torque scale {scale:g}")
 
     def set_limits(self, limits: ScaleLimits) -> None:
         """Set the limits of the torque scale, once computed."""
         with self._lock:
             self.limits = limits
-            self._notify(f"gain: at most {limits.largest:.3g}: {limits.reason}")
+            self._notify(f"torque scale: at most {limits.largest:.3g}: {limits.reason}")
 
     def finish(self) -> None:
         """Finish the session; its servo is closed by whoever opened it."""

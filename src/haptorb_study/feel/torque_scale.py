@@ -8,19 +8,19 @@ from haptorb.control.linkage import Gains
 from haptorb.devices.base import Device, require
 from haptorb.devices.motor import SphericalMotor
 
-__all__ = ["MIN_GAIN", "ScaleLimits", "TrueScale"]
+__all__ = ["MIN_SCALE", "ScaleLimits", "TrueScale"]
 
 
-MIN_GAIN = 0.05  #: smallest gain that a session offers
+MIN_SCALE = 0.05  #: smallest torque scale that a session offers
 
 
 @dataclass(frozen=True)
 class ScaleLimits:
-    """Limits of the torque scale in a session: gain times `force_scale` of the snap-fit file.
+    """Limits of the torque scale in a session, which multiplies `force_scale` of the snap-fit file.
 
-    largest         maximum gain
+    largest         maximum scale
     reason          of the maximum, as text
-    hand_per_part   force in the hand per force on the part at gain 1
+    hand_per_part   force in the hand per force on the part at scale 1
     """
 
     largest: float = 1.0
@@ -63,8 +63,8 @@ class TrueScale:
     def sentence(self) -> str:
         """Summary of the scale, without a full stop."""
         return (
-            f"1 N at the part is {self.hand_per_part:.2g} N in the hand on the {1e3 * self.arm:.0f} mm handle at gain "
-            f"1; at gain {self.whole:.3g} the hand feels the part's full force"
+            f"1 N at the part is {self.hand_per_part:.2g} N in the hand on the {1e3 * self.arm:.0f} mm handle at "
+            f"torque scale 1; at {self.whole:.3g} the hand feels the part's full force"
         )
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -59,19 +60,21 @@ def test_a_pose_is_held_until_something_else_is_said(servo: Servo) -> None:
     _until(servo, lambda: servo.latest().age == 0.0)  # the guided motion
 
 
-def test_a_patient_word_keeps_the_pose_fresh(servo: Servo) -> None:
-    expiry, patience = servo.device.limits.expiry, 0.4
+@pytest.mark.parametrize("name", ["keep_alive", "patience"])
+def test_a_keep_alive_keeps_the_pose_fresh(servo: Servo, name: str) -> None:
+    expiry, longer = servo.device.limits.expiry, 0.4
     for wrong in (-0.1, 1.5, float("nan")):
-        with pytest.raises(InputError, match="patience"):
-            servo.hand.point(HERE, patience=wrong)
+        with pytest.raises(InputError, match="keep_alive"):
+            servo.hand.point(HERE, keep_alive=wrong)
     cursor, _ = servo.rows()
-    servo.hand.point(HERE, patience=patience)
+    with pytest.warns(DeprecationWarning, match="keep_alive") if name == "patience" else nullcontext():
+        servo.hand.point(HERE, **{name: longer})
     _until(servo, lambda: _is_old(servo))
     _, rows = servo.rows(cursor)
     rows = rows[(rows[:, servo.layout["hand_goal"]] == HERE).all(axis=1)]
     fresh = rows[rows[:, servo.layout["age"].start] <= expiry]
     held = float(np.ptp(fresh[:, servo.layout["t"].start]))
-    assert patience - 0.05 < held < patience + expiry + 0.05
+    assert longer - 0.05 < held < longer + expiry + 0.05
 
 
 def test_a_path_is_followed_to_its_last_pose(servo: Servo) -> None:

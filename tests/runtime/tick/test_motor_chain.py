@@ -143,7 +143,7 @@ def test_switching_in_the_middle_of_a_pull_is_no_step(moment):
     steps = np.abs(np.diff(asked[at - 100 : at], axis=0)).max()
     assert np.abs(np.diff(asked[at - 2 : at + 150], axis=0)).max() <= 2.0 * steps + 5e-3
     assert np.abs(np.diff(wanted, axis=0)).max() <= PMSM.limits.slew * DT * 1.001
-    assert rig["share"][-1].tolist() == [0.0, 1.0]
+    assert rig["clutch_share"][-1].tolist() == [0.0, 1.0]
     assert rig["mode"][-1] == 2
 
 
@@ -261,8 +261,8 @@ def test_mode_and_clutch_reach_the_loop():
         row, at = servo.latest(), servo.layout
         assert row[at["mode"]][0] == 2
         assert row[at["engaged"]][0] == 0
-        assert row[at["share"]].tolist() == [0.0, 0.0]
+        assert row[at["clutch_share"]].tolist() == [0.0, 0.0]
         servo.clutch(True)
         servo.run(0.5)
-        assert servo.latest()[at["share"]].tolist() == [0.0, 1.0]
+        assert servo.latest()[at["clutch_share"]].tolist() == [0.0, 1.0]
         assert servo.report()["peak_torque_nm"] >= 0.0

@@ -137,7 +137,7 @@ def test_openhaptics_on_a_motor(libraries: Path, tmp_path: Path) -> None:
     assert (name, buttons) == ("haptorb pmsm", [0, 2])
     assert np.isfinite(place).all()
     rows = run.recording
-    t, share, wrench = (np.asarray(rows[one]) for one in ("t", "share", "object_wrench"))
+    t, share, wrench = (np.asarray(rows[one]) for one in ("t", "clutch_share", "object_wrench"))
     torque = np.asarray(rows["wrench_commanded"])[:, 3:]
     pushed = (t > changed[0] - 0.3) & (t < changed[0])
     assert np.median(wrench[pushed], axis=0) == pytest.approx([0.2, -0.4, 0.3, 0.0, 0.0, 0.0], abs=1e-6)

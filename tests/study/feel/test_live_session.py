@@ -225,13 +225,13 @@ def test_a_folder_of_other_designs_is_refused(kept: FeelSession, tmp_path: Path)
 def test_the_gain_goes_as_far_as_stability_and_device_allow(kept: FeelSession) -> None:
     live, servo = start(kept)
     for wrong in (1.5, 0.0, -1, float("nan"), "1", True, None):  # nobody knows yet what is stable
-        with pytest.raises(InputError, match="gain"):
+        with pytest.raises(InputError, match="torque scale"):
             FeelPanel(live).execute({"act": "scale", "scale": wrong})
     assert not hasattr(servo, "scale")
     live.set_limits(ScaleLimits(2.2, "the stability check allows 2.2"))
     FeelPanel(live).execute({"act": "scale", "scale": 2})
     assert servo.scale == 2.0
-    assert live.describe()["gain"]["hand"] == pytest.approx(0.4)
+    assert live.describe()["torque_scale"]["hand"] == pytest.approx(0.4)
     with pytest.raises(InputError, match="stability check allows"):
         live.set_scale(2.3)
     servo.tick(1e-3)

@@ -85,9 +85,9 @@ class FakeServo:
         """It takes the commands to the hand itself."""
         return self
 
-    def point(self, p: Any, q: Any = None, *, patience: float = 0.0) -> None:
+    def point(self, p: Any, q: Any = None, *, keep_alive: float = 0.0) -> None:
         self.calls.append(("point", tuple(p), q))
-        self.patience = patience
+        self.keep_alive = keep_alive
         self.target = np.array(p, dtype=float)
 
     def release(self) -> None:

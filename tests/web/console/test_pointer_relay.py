@@ -40,15 +40,15 @@ def test_only_a_simulated_hand_bridges_a_server_without_processor(servo, driver,
     servo.driver = driver
     hand = PointerRelay(servo)
     for say in (lambda: hand.point(pointer(1.0, 0.01, held=True)), hand.refresh):
-        servo.patience = math.nan
+        servo.keep_alive = math.nan
         say()
-        assert (0.1 < servo.patience < 0.5) if simulated else servo.patience == 0.0
+        assert (0.1 < servo.keep_alive < 0.5) if simulated else servo.keep_alive == 0.0
 
 
 def test_a_page_waits_longer_only_where_nothing_is_powered(servo):
-    assert session(servo, "now")["patience"] == 1.0
+    assert session(servo, "now")["heartbeat_timeout"] == 1.0
     servo.driver = "serial:/dev/ttyUSB0"
-    assert session(servo, "now")["patience"] == 0.25
+    assert session(servo, "now")["heartbeat_timeout"] == 0.25
 
 
 @pytest.mark.parametrize("driver", ["serial:/dev/ttyUSB0", "sim"])

@@ -32,9 +32,9 @@ export class FeelPanel {
         picker.blur(); // so that number keys rate again
       });
     }
-    const gain = at<HTMLInputElement>("feel-gain");
-    gain.addEventListener("input", () => write(at("feel-gain-now"), gain.valueAsNumber.toFixed(2)));
-    gain.addEventListener("change", () => this.act({ act: "scale", scale: gain.valueAsNumber }));
+    const scale = at<HTMLInputElement>("feel-scale");
+    scale.addEventListener("input", () => write(at("feel-scale-now"), scale.valueAsNumber.toFixed(2)));
+    scale.addEventListener("change", () => this.act({ act: "scale", scale: scale.valueAsNumber }));
     at("feel-next").addEventListener("click", () => this.act({ act: "next" }));
     at("feel-finish").addEventListener("click", () => this.act({ act: "finish" }));
     at("feel-hide").addEventListener("change", () => this.act({ act: "hide", hide: at<HTMLInputElement>("feel-hide").checked }));
@@ -82,12 +82,12 @@ export class FeelPanel {
     const rated = now.designs.filter(({ score }) => score !== null).length;
     write(at("feel-count"), `${rated} of ${now.designs.length} rated by ${now.person || "a person without a code"}`);
     at<HTMLInputElement>("feel-hide").checked = now.hidden;
-    const { now: gain, low, high, reason, hand } = now.gain;
-    const range = at<HTMLInputElement>("feel-gain");
+    const { now: scale, low, high, reason, hand } = now.torque_scale;
+    const range = at<HTMLInputElement>("feel-scale");
     Object.assign(range, { min: String(low), max: String(Math.max(low, Math.floor(high * 20) / 20)) });
-    range.value = String(gain);
-    write(at("feel-gain-now"), gain.toFixed(2));
-    write(at("feel-gain-why"), `1 N at the part is ${hand.toPrecision(2)} N in the hand. At most ${range.max}: ${reason}`);
+    range.value = String(scale);
+    write(at("feel-scale-now"), scale.toFixed(2));
+    write(at("feel-scale-why"), `1 N at the part is ${hand.toPrecision(2)} N in the hand. At most ${range.max}: ${reason}`);
     const who = at<HTMLInputElement>("feel-person");
     if (document.activeElement !== who) who.value = now.person;
     at("feel-people").replaceChildren(...now.people.filter(Boolean).map((code) => make("option", { value: code })));

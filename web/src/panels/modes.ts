@@ -40,7 +40,7 @@ export class ModePanel {
     at("mode-translate").setAttribute("aria-pressed", String(this.mode === 1));
     at("mode-rotate").setAttribute("aria-pressed", String(this.mode === 2));
     at("mode-clutch").setAttribute("aria-pressed", String(known && !this.engaged));
-    const [move, turn] = [...sample.list("share")] as [number, number];
+    const [move, turn] = [...sample.list("clutch_share")] as [number, number];
     for (const [id, share] of [["share-translate", move], ["share-rotate", turn]] as const) {
       const value = Number.isFinite(share) ? share : 0;
       at<HTMLMeterElement>(id).value = value;
