@@ -392,6 +392,7 @@ RULES = [
     ("recordings-open-no-file", "no file is opened because a recording names it", "never", STARTED_TESTS),
     ("recordings-open-no-scene", "no scene is opened because a recording names it", "never", STARTED_TESTS),
     ("imports-have-an-end", "modules beside a world have an end", "replace value.args[1] by 2**40", STARTED_TESTS),
+    ("imports-end-together", "all modules beside a world have an end", "never", STARTED_TESTS),
     ("path-shapes", "compiled code has a tangent for each place of a path", "never", STARTED_TESTS),
     ("path-spacing", "the search along a path has few steps", "never", STARTED_TESTS),
     ("listed-once", "a record listed again is not made again", "never", HOSTILE),

@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from importlib.util import decode_source
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -25,7 +26,9 @@ __all__ = ["find_imports", "list_modules", "make_code", "pickle_with_code"]
 _MAX_FILES = 500  #: modules of one file
 _MAX_BYTES = 4 << 20  #: of all these modules together; parsing takes 1 s per 2 MB
 _MAX_NAME_PARTS = 40  #: parts of a dotted name: Python's parser takes time with their square
-_DOTTED = re.compile(rf"\b(?:\w+(?:[ \t]|\\\n)*\.(?:[ \t]|\\\n)*){{{_MAX_NAME_PARTS}}}")
+#: What Python skips between two parts. To its parser a line ends at any of CR, LF and CR LF.
+_BETWEEN = r"(?:[ \t\f]|\\(?:\r\n?|\n))*"
+_DOTTED = re.compile(rf"\b(?:\w+{_BETWEEN}\.{_BETWEEN}){{{_MAX_NAME_PARTS}}}")
 
 
 def find_imports(path: Path, source: str) -> dict[Path, str]:
@@ -44,11 +47,21 @@ def find_imports(path: Path, source: str) -> dict[Path, str]:
                 continue
             if len(found) >= _MAX_FILES:
                 raise InputError(f"{path} imports more than {_MAX_FILES} modules of its folder")
-            content = read_bytes(file, left, f"module of {path.name}", InputError)  # safety: imports-have-an-end
+            content = read_bytes(file, _MAX_BYTES, f"module of {path.name}", InputError)  # safety: imports-have-an-end
             left -= len(content)
+            if left < 0:  # safety: imports-end-together
+                raise InputError(f"{path} imports more than {_MAX_BYTES >> 20} MiB of modules of its folder")
             found[file] = content.decode("utf-8", "replace")
-            waiting.append((file, found[file]))
+            waiting.append((file, _decode(content)))
     return dict(sorted(found.items()))
+
+
+def _decode(content: bytes) -> str:
+    """The text that Python reads: without a byte order mark, in the encoding that the first lines name."""
+    try:
+        return decode_source(content)
+    except (SyntaxError, ValueError, LookupError):  # Python reports it better, at the import itself
+        return content.decode("utf-8", "replace")
 
 
 def list_modules(files: dict[Path, str]) -> list[ModuleType]:

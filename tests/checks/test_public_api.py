@@ -147,14 +147,10 @@ IGNORED = {
 
 
 def public_objects() -> dict[str, object]:
-    """Public classes and functions by their full names. The worlds of the catalogue have a table of their own."""
-    from haptorb.worlds import CATALOGUE
-
+    """Public classes and functions by their full names."""
     found = {f"{package}.{name}": getattr(import_module(package), name) for package in PACKAGES
              for name in import_module(package).__all__}  # fmt: skip
-    worlds = set(CATALOGUE.values())
-    return {name: one for name, one in found.items()
-            if inspect.isroutine(one) or (inspect.isclass(one) and one not in worlds)}  # fmt: skip
+    return {name: one for name, one in found.items() if inspect.isroutine(one) or inspect.isclass(one)}
 
 
 def list_documented_elsewhere(thing: object) -> set[str]:

@@ -139,6 +139,15 @@ class RollingBall(DynamicWorld):
     pushed. Integrated by Störmer–Verlet on the sphere, one step per tick: without damping its energy stays within 0.1 %
     (Hairer, Lubich and Wanner 2006, chapter VI).
 
+    Parameters
+    ----------
+    distance : float
+        Distance of the ball's centre from the dome's [m], positive; `for_device` sets it.
+    ground : float
+        Radius of the dome on which the ball is drawn [m], positive; `for_device` sets it.
+
+    Examples
+    --------
     >>> ball = RollingBall(rim_deg=60)
     >>> bool(ball.wrench(State.at((0.02, 0, 0.05)))[0] < 0)
     True
@@ -154,8 +163,8 @@ class RollingBall(DynamicWorld):
     radius: float = parameter(0.010, "m", 0.003, 0.03, "distance from the ball's centre at which the tool touches it")
     stiffness: float = parameter(120.0, "N/m", 10, 500, "stiffness of the contact between tool and ball")
     greatest: float = parameter(0.6, "N", 0.05, 2, "maximum force of the contact")
-    distance: float = 0.050  #: of the ball's centre from the dome's [m], from the device
-    ground: float = 0.030  #: radius of the dome on which it is drawn [m], from the device
+    distance: float = 0.050
+    ground: float = 0.030
 
     def __post_init__(self) -> None:
         World.__post_init__(self)

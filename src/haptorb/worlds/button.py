@@ -151,6 +151,15 @@ class Button(DynamicWorld):
     gradients of a potential with the same force at the transition, so energy is conserved: the latch stores the
     difference. Beside the flat key its edge pushes the tool away.
 
+    Parameters
+    ----------
+    bottom : float
+        Distance of the tool's magnet from the dome's centre at full travel [m], positive; `for_device` sets it.
+    lift : float
+        Height of the magnet above the tip of a radial tool [m], not negative; `for_device` sets it.
+
+    Examples
+    --------
     >>> button = Button()
     >>> bool(button.wrench(State.at((0, 0, button.bottom + 0.002)))[2] > 0)
     True
@@ -165,8 +174,8 @@ class Button(DynamicWorld):
     preload: float = parameter(0.03, "N", 0, 0.3, "force at the beginning of the travel")
     click: float = parameter(0.12, "N", 0, 0.5, "force amplitude of the click")
     stop: float = parameter(200.0, "N/m", 50, 500, "stiffness at the end of the travel")
-    bottom: float = 0.0505  #: distance of the tool's magnet from the dome's centre at full travel [m], from the device
-    lift: float = 0.020  #: of the magnet above the tip of a radial tool [m], from the device
+    bottom: float = 0.0505
+    lift: float = 0.020
 
     def __post_init__(self) -> None:
         World.__post_init__(self)

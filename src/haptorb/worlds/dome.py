@@ -74,6 +74,17 @@ class Dome(World):
     Not passive: the force of a sharpened map (θ₁ < 90°) is not a gradient, so a closed path can extract energy (E19).
     Not continuous: it is cut off at θ₂ and d_max as in the paper; the guard's slew limit softens the jump.
 
+    Parameters
+    ----------
+    tool_moment : float
+        m_p, dipole moment of the tool's magnet [A·m²]; `for_device` sets it.
+    contact_distance : float
+        d_min, distance of the magnet from the centre at contact [m], positive; `for_device` sets it.
+    reach : float
+        d_max, distance from which the force is zero [m], above `contact_distance`; `for_device` sets it.
+
+    Examples
+    --------
     >>> dome = Dome(half_width_deg=18)
     >>> edge = (0.05 * np.sin(radians(18)), 0, 0.05 * np.cos(radians(18)))
     >>> bool(abs(dome.wrench(State.at(edge))[2]) < 0.1)
@@ -90,9 +101,9 @@ class Dome(World):
     half_width_deg: float = parameter(18.0, "deg", 5, 90, "θ1: angle of the first zero of the radial force")
     cut_off_deg: float = parameter(54.0, "deg", 5, 180, "θ2: angle from which the force is zero")
     moment: float = parameter(2.4, "A·m²", -4, 4, "strength: moment of the electromagnet at the summit; negative pulls")
-    tool_moment: float = 2.406  #: m_p [A·m²], from the device
-    contact_distance: float = 0.050  #: d_min [m], from the device
-    reach: float = 0.070  #: d_max [m], from the device
+    tool_moment: float = 2.406
+    contact_distance: float = 0.050
+    reach: float = 0.070
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
@@ -257,6 +268,14 @@ class CompassDome(World):
     """Dome with a direction: force of the dome and torque of the compass, as a compromise of the coils.
 
     Three coils cannot produce six independent components: `--torque-arm` weights torque against force.
+
+    Parameters
+    ----------
+    dome : Dome
+        The device's numbers: moment of the tool, contact distance, reach. `summit`, `half_width_deg`, `cut_off_deg` and
+        `moment` replace its own.
+    compass : Compass
+        Computed from `direction`, `strength` and `width_deg`; a given one has no effect.
     """
 
     asks = "both"

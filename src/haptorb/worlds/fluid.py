@@ -124,6 +124,16 @@ class StirredFluid(DynamicWorld):
     The film is thin and only rotates: a radial motion of the tool is damped and moves nothing. All steps are backward
     Euler, so the fluid never returns more energy than it received.
 
+    Parameters
+    ----------
+    distance : float
+        Distance of the tool's magnet from the dome's centre at contact, which is the radius of the largest ring [m],
+        positive; `for_device` sets it.
+    ground : float
+        Radius of the dome on which the cork is drawn [m], positive; `for_device` sets it.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> fluid = StirredFluid()
     >>> fluid.advance(fluid.begin(), State.at((0.02, 0, 0.05), v=(0, 0.1, 0)), 1e-3)[1] < 0
@@ -141,8 +151,8 @@ class StirredFluid(DynamicWorld):
         2.0, "s", 0.05, 100, "time in which neighbouring rings equalise their speed; shorter is more viscous"
     )
     greatest: float = parameter(0.5, "N", 0.05, 1, "limit of the drag")
-    distance: float = 0.050  #: of the tool's magnet from the dome's centre, as far as the rings go [m], from the device
-    ground: float = 0.030  #: radius of the dome on which the cork is drawn [m], from the device
+    distance: float = 0.050
+    ground: float = 0.030
 
     @property
     def memory_fields(self) -> tuple[MemoryField, ...]:

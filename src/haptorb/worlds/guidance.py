@@ -52,6 +52,12 @@ class Guidance(World):
 
     U = F s (√(1 + r²/s²) − 1): a spring of stiffness F/s near the path that never exceeds F. Where two sections of
     the path are equally near, the force jumps.
+
+    Parameters
+    ----------
+    path : array_like, shape (n, 3)
+        Points of the path in the stator frame [m], 2 to 10,000, joined by straight lines; a closed path ends at its
+        first point. Empty: a closed wavy path around the summit, 50 mm from the centre.
     """
 
     asks = "force"
@@ -63,9 +69,13 @@ class Guidance(World):
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
-        path = check_finite(self.path, "Guidance.path") if self.path else loop_path()
+        path = check_finite(self.path, "Guidance.path")
+        if path.size == 0:
+            path = loop_path()
         if path.ndim != 2 or path.shape[1] != 3 or not 2 <= len(path) <= _MAX_POINTS:
             raise InputError(f"Guidance.path must be 2 to {_MAX_POINTS} points, shape (n, 3); got shape {path.shape}")
+        if isinstance(self.path, np.ndarray):  # worlds are compared, and an array has no hash
+            object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
         object.__setattr__(self, "_path", np.ascontiguousarray(path))
 
     @property

@@ -65,7 +65,14 @@ class Varying(World):
 
 @dataclass(frozen=True)
 class Orbit(World):
-    """Dome with a summit that moves in a circle and pushes the tool sideways as it passes."""
+    """Dome with a summit that moves in a circle and pushes the tool sideways as it passes.
+
+    Parameters
+    ----------
+    dome : Dome
+        The device's numbers: moment of the tool, contact distance, reach. Summit, angles and moment of the orbit
+        replace its own.
+    """
 
     asks = "force"
     passive: ClassVar[bool] = False
@@ -106,6 +113,12 @@ class Wander(World):
 
     Tilt and azimuth of the summit each follow two oscillations whose periods have no common multiple; it is
     deterministic, so the same time gives the same position.
+
+    Parameters
+    ----------
+    dome : Dome
+        The device's numbers: moment of the tool, contact distance, reach. Summit, angles and moment of the wandering
+        dome replace its own.
     """
 
     asks = "force"
@@ -157,6 +170,12 @@ class Summits(World):
 
     Each is a dome with its own cut-off; where these overlap, the maps add. Every other summit can have the opposite
     sign, a valley between two mountains.
+
+    Parameters
+    ----------
+    dome : Dome
+        The device's numbers: moment of the tool, contact distance, reach. Places, angles and moments of the summits
+        replace its own.
     """
 
     asks = "force"
@@ -223,6 +242,12 @@ class ChangingTerrain(World):
 
     Heights are those of `Terrain`, times cos(2π t/period), rotated by `drift` revolutions per second. It moves by
     itself and can do work, so it is declared active.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        Heights of the terrain, and the device's numbers; `strength` and `half_angle_deg` of the changing terrain
+        replace its own. The default is that of `Terrain`.
     """
 
     asks = "force"

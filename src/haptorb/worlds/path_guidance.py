@@ -384,6 +384,13 @@ class PathGuidance(DynamicWorld):
     force along the path: the user determines progress and speed. No force acts on a hand at rest.
 
     Active: it works against the hand, so it can put energy into a hand that leaves the path.
+
+    Parameters
+    ----------
+    path : GuidancePath or array_like, shape (n, 3), optional
+        Path in the stator frame, or points [m] that `make_path` connects. None: `shape` of the size `size_deg`.
+    device : Device, optional
+        Device whose coils heat up in the cost; `for_device` sets it. None: heat has no cost.
     """
 
     passive: ClassVar[bool] = False

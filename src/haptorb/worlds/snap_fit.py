@@ -469,6 +469,18 @@ class SnapFit(ContactWorld, ObjectWorld):
     through the modes without scaling. Raises GeometryError if the hook cannot exist, cannot be pushed in, or cannot be
     pulled out.
 
+    Parameters
+    ----------
+    beam : {"timoshenko", "paper"}
+        Model of the hooks: the correct beam, or eqs. (12) and (13) of the paper as printed.
+    material : str
+        Material of the hooks, a name of `haptorb.beams.MATERIALS` for the yield strength in `root_load`; it changes no
+        force. With another name the yield strength is unknown.
+    hooks : {2, 1}
+        2: a pair that centres the part. 1: the part is pushed aside and needs a guide.
+
+    Examples
+    --------
     >>> world = SnapFit()
     >>> world.wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(0.05, 0, 0)))[0] < 0      # pulled: it holds back
     np.True_
@@ -489,9 +501,9 @@ class SnapFit(ContactWorld, ObjectWorld):
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per edge")
     edge: float = parameter(0.2e-3, "m", 0.02e-3, 1e-3, "half length of the rounded edges of the wedge")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
-    beam: Model = "timoshenko"  #: "paper" for eqs. (12) and (13) as printed
-    material: str = "ABS"  #: material with the yield strength for the root's stress
-    hooks: int = 2  #: 2: a pair that centres the part; 1: the part is pushed aside and needs a guide
+    beam: Model = "timoshenko"
+    material: str = "ABS"
+    hooks: int = 2
 
     hook: Hook = field(init=False, repr=False, compare=False)
     _snap: Records = field(init=False, repr=False, compare=False)
@@ -698,6 +710,16 @@ class Outlet(ContactWorld, ObjectWorld):
     Dimensions and materials of Bai 2012, Table 3, with E = 113 GPa (erratum E7). The pull is 11.5 N with the
     correct beam (`timoshenko`, E11) and 49.6 N with the paper's (`paper`, appendix B with H_x corrected, E9).
 
+    Parameters
+    ----------
+    beam : {"timoshenko", "paper"}
+        Model of the hooks: the correct beam, or appendix B of the paper with H_x corrected.
+    material : str
+        Material of the hooks, a name of `haptorb.beams.MATERIALS` for the yield strength in `root_load`; it changes no
+        force. With another name the yield strength is unknown.
+
+    Examples
+    --------
     >>> out = State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))
     >>> Outlet().wrench(out)[0].round(1), Outlet(beam="paper").wrench(out)[0].round(1)
     (np.float64(-11.5), np.float64(-49.6))
@@ -720,8 +742,8 @@ class Outlet(ContactWorld, ObjectWorld):
     lead_in: float = parameter(4e-3, "m", 0.5e-3, 10e-3, "length of the bevelled end of the plug")
     seat: float = parameter(5e3, "N/m", 0.0, 50e3, "stiffness of the socket's floor, per corner")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
-    beam: Model = "timoshenko"  #: "paper" for appendix B
-    material: str = "phosphor bronze"  #: of the hooks, with the yield strength for the root's stress
+    beam: Model = "timoshenko"
+    material: str = "phosphor bronze"
 
     hook: Hook = field(init=False, repr=False, compare=False)
     stiffness: float = field(init=False, repr=False, compare=False)  #: of one hook, pulled straight, no friction [N/m]
@@ -823,6 +845,15 @@ class PublishedOutlet(ObjectWorld):
     missing factor (E10). F_X' is printed positive, the pull of the hand; on the plug it is the opposite. The plug ends
     abruptly at p_x = h. For insertion, friction reverses and Ω₊ − μΩ₋ replaces Ω₊ + μΩ₋, as in (10).
 
+    Parameters
+    ----------
+    beam : {"paper", "timoshenko"}
+        Model of the hooks: appendix B of the paper, or the correct beam.
+    surface_height : {"corrected", "printed"}
+        With `beam` "paper", the height H_x in appendix B: by eq. (13), or 1 + δ/h₀ as printed (E9).
+
+    Examples
+    --------
     >>> PublishedOutlet().wrench(State.at((0.001, 0, 0), R_SR=np.eye(3), v=(1.0, 0, 0))).round(1).tolist()
     [-49.6, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
@@ -837,7 +868,7 @@ class PublishedOutlet(ObjectWorld):
     arm: float = parameter(16e-3, "m", 5e-3, 40e-3, "h: distance from the inserted plug's end to the hooks (assumed)")
     creep: float = parameter(5e-3, "m/s", 1e-4, 0.1, "speed below which friction is viscous")
     beam: Model = "paper"
-    surface_height: Literal["corrected", "printed"] = "corrected"  #: H_x by (13), or 1 + δ/h₀ as printed (E9)
+    surface_height: Literal["corrected", "printed"] = "corrected"
 
     _omega: tuple[float, float, float] = field(init=False, repr=False, compare=False)
 

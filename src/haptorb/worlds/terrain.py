@@ -97,6 +97,16 @@ class Terrain(World):
     F_r = F₀ h (d_c/d)⁴, F_t = −F₀ (d_c/d)³ (d_c/3d) ∂h/∂angle; a gradient, hence passive, and with the same
     decrease with distance as the device's own magnets. Heights (n, n) span the square around the workspace seen from
     above (azimuthal equidistant: distance from the centre is tilt); a height of 1 is `strength` at contact.
+
+    Parameters
+    ----------
+    heights : array_like, shape (n, n)
+        Heights within −1 and 1 in units of `strength`, n from 4 to 4096; rows go from −y to +y, columns from −x to +x.
+        The default has three mountains and two valleys.
+    contact_distance : float
+        d_c, distance of the tool's magnet from the centre at contact [m], positive; `for_device` sets it.
+    reach : float
+        Distance beyond which the force is zero [m], above `contact_distance`; `for_device` sets it.
     """
 
     asks = "force"
@@ -105,8 +115,8 @@ class Terrain(World):
     strength: float = parameter(0.5, "N", -1, 1, "F0: radial force for a height of 1, at contact")
     half_angle_deg: float = parameter(60.0, "deg", 10, 90, "tilt at the edge of the map")
     heights: Array = field(default_factory=hills)
-    contact_distance: float = 0.050  #: d_c [m], from the device
-    reach: float = 0.070  #: distance beyond which the force is zero [m], from the device
+    contact_distance: float = 0.050
+    reach: float = 0.070
 
     def __post_init__(self) -> None:
         World.__post_init__(self)

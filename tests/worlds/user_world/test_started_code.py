@@ -42,6 +42,8 @@ class Groove(World):
 HELPER = "def pull(x):\n    return 20 * x\n"
 HARM = "open({!r}, 'w').close()\n"
 HERE = State.at((0.05, 0.0, 0.0))
+#: between two parts of a name, where Python reads on
+GAPS = ("\\\n  ", "\\\r\n", "\\\r", "\f", "\f\t\\\r\n ")
 
 
 @pytest.fixture
@@ -231,12 +233,31 @@ def test_modules_beside_a_world_have_an_end(folder: Path) -> None:
     tracemalloc.stop()
 
 
+def test_all_modules_beside_a_world_have_an_end_together(folder: Path) -> None:
+    for name in ("started_helper", "started_late"):
+        (folder / f"{name}.py").write_text("#" * 2_200_000)
+    with pytest.raises(InputError, match="more than 4 MiB of modules"):
+        find_imports(folder / "groove.py", WORLD)
+
+
+@pytest.mark.parametrize(
+    ("first", "encoding"),
+    [("", "utf-8-sig"), ("# coding: latin-1\nANGLE = '\xe4'\n", "latin-1"), ("# coding: utf-16\n", "utf-8"), ("", "utf-8")],
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_imports_of_an_import_are_found_as_python_reads_it(first: str, encoding: str, end: str, folder: Path) -> None:
+    text = f"{first}import \\\n\fstarted_late\n".replace("\n", end)
+    (folder / "started_helper.py").write_bytes(text.encode(encoding))
+    found = find_imports(folder / "groove.py", "import started_helper")
+    assert set(found) == {folder / "started_helper.py", folder / "started_late.py"}
+
+
 @pytest.mark.parametrize(
     "source",
-    ["import " + ".".join("a" * 50_000), "import a" + ".\\\n  a" * 50_000,
+    ["import " + ".".join("a" * 50_000), *("import a" + f".{gap}a" * 50_000 for gap in GAPS),
      f"import {'a' * 300}", f"from {'x' * 300} import y", "x = " + "(" * 5000,
      "import started_helper\n" + "-" * 100_000 + "1"],
-    ids=["many parts", "continued", "long name", "long package", "brackets", "minus signs"],
+    ids=["many parts", *(f"gap {number}" for number in range(len(GAPS))), "long name", "long package", "brackets", "minus signs"],
 )  # fmt: skip
 def test_the_search_for_imports_ends_for_any_source(source: str, folder: Path) -> None:
     start = time.process_time()
