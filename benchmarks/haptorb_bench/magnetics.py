@@ -111,7 +111,7 @@ def rows(effort: float, notify: Callable[[str], None]) -> list[Metric]:
         if not peers_:
             out.append(Metric("magnetics", what, own, "µs", note="no peer is installed"))
         for peer in peers_:
-            note = f"error here {table.error:.0e}, there {peer.error:.0e}"
+            note = f"relative error {table.error:.0e} here, {peer.error:.0e} there"
             out.append(
                 Metric("magnetics", what, own, "µs", f"{peer.who}, {peer.how}", 1e6 * (peer.seconds or 0.0), note=note)
             )

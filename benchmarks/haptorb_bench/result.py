@@ -14,6 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
+from haptorb.display import format_beside
 from haptorb.errors import InputError, UnknownName
 from haptorb.files import parse_json, read_text, replace_file
 from haptorb.notebook import NotebookReport
@@ -228,12 +229,23 @@ def machine() -> dict[str, str]:
 
 
 def _cells(row: Metric) -> tuple[str, str, str, str, str, str, str]:
-    """What, here, limit, against, there, ratio, note."""
+    """What, here, limit, against, there, ratio, note.
+
+    >>> _cells(Metric("loop", "ticks on time", 0.99949, "1", limit=0.9995, at_least=True))[1:3]
+    ('0.99949', '≥ 0.9995 (missed)')
+    >>> _cells(Metric("start", "warm", 1500.4, "µs", limit=1500.0))[1:3]
+    ('1500.4 µs', '≤ 1.50 ms (missed)')
+    >>> _cells(Metric("start", "a command", 4.003, "s", limit=4.0))[1:3]
+    ('4.003 s', '≤ 4 s (missed)')
+    """
     sign = "≥" if row.at_least else "≤"
     limit = "" if row.limit is None else f"{sign} {_figure(row, row.limit)}"
-    if row.kept is False:
-        limit += " (missed)"
     here = "not measured" if row.value is None else _figure(row, row.value)
+    if row.limit is not None and row.value is not None and not row.kept:
+        limit += " (missed)"
+        if here == _figure(row, row.limit):
+            decimals = len(spell_number(row.limit).partition(".")[2])
+            here = _spell_unit(row, format_beside(row.value, row.limit, decimals))
     there = "" if row.peer_value is None else _figure(row, row.peer_value)
     ratio = "" if row.ratio is None else f"{spell_number(row.ratio)} ×"
     return row.what, here, limit, row.peer, there, ratio, row.note
@@ -242,17 +254,21 @@ def _cells(row: Metric) -> tuple[str, str, str, str, str, str, str]:
 def _figure(row: Metric, value: float) -> str:
     if row.unit == "µs" and value >= 1000:
         return spell_time(1e-6 * value)
-    return spell_number(value) + ("" if row.unit == "1" else f" {row.unit}")
+    return _spell_unit(row, spell_number(value))
+
+
+def _spell_unit(row: Metric, number: str) -> str:
+    return number if row.unit == "1" else f"{number} {row.unit}"
 
 
 def spell_number(value: float) -> str:
     """Three digits, thousands apart, no exponent where people would not want one.
 
-    >>> [spell_number(x) for x in (12345.6, 0.99953, 21.44, 0.0312)]
-    ['12,346', '0.9995', '21.4', '0.0312']
+    >>> [spell_number(x) for x in (12345.6, 0.99953, 0.99998, 21.44, 0.0312)]
+    ['12,346', '0.9995', '0.99998', '21.4', '0.0312']
     """
     if abs(value) >= 1000:
         return f"{value:,.0f}"
     if 0.99 < value < 1:
-        return f"{value:.4f}"
+        return format_beside(value, 1.0, 4)
     return f"{value:.3g}"

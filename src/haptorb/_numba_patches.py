@@ -12,7 +12,6 @@ import os
 import platform
 import re
 import sys
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, wraps
@@ -22,7 +21,6 @@ from typing import Any
 
 __all__ = [
     "NEWEST",
-    "NumbaPlaceholder",
     "call_own_copies",
     "compile_function",
     "find_version",
@@ -61,24 +59,6 @@ def find_version() -> str:
     from importlib.metadata import version
 
     return version("numba")
-
-
-class NumbaPlaceholder(ABC):
-    """Object that stands for a compiled function until its first call.
-
-    A kernel that calls it is compiled with that function's type: numba asks each global of a kernel for an undocumented
-    attribute `_numba_type_`. So it is in every version, patched or not; without it, numba would be loaded and every
-    kernel made as soon as a module is imported.
-    """
-
-    @property
-    @abstractmethod
-    def compiled(self) -> Any:
-        """numba's dispatcher of the function, created at the first use."""
-
-    @property
-    def _numba_type_(self) -> Any:
-        return self.compiled._numba_type_
 
 
 @cache

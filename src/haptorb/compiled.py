@@ -27,7 +27,7 @@ from typing import Any, TypeVar, cast, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptorb._numba_patches import NumbaPlaceholder, compile_function, find_version, is_patched, load_numba
+from haptorb._numba_patches import compile_function, find_version, is_patched, load_numba
 from haptorb.arrays import Array
 from haptorb.cache_folder import explain_shared, private_folder
 
@@ -223,7 +223,7 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, bool]) -> Any:
 
 
 @final
-class PostponedKernel(NumbaPlaceholder):
+class PostponedKernel:
     """Placeholder of a kernel until the first call. Other kernels may call it: numba receives the compiled function."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, bool] | None = None) -> None:
@@ -239,6 +239,15 @@ class PostponedKernel(NumbaPlaceholder):
         if self._compiled is None:
             self._compiled = _dispatcher(self._function, self._options)
         return self._compiled
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type of the compiled function, which numba asks each global of a kernel for, undocumented.
+
+        So it is in every version, patched or not; without it, numba would be loaded and every kernel made as soon as a
+        module is imported.
+        """
+        return self.compiled._numba_type_
 
     def __call__(self, *args: Any) -> Any:
         """Load numba for all kernels, and call this one. Shapes and units [1] are the function's own."""

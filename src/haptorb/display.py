@@ -20,6 +20,7 @@ __all__ = [
     "Presentable",
     "curves_svg",
     "facts_html",
+    "format_beside",
     "format_number",
     "format_quantity",
     "format_vector",
@@ -221,6 +222,17 @@ def format_number(value: float, digits: int = 3) -> str:
     if 10**digits - 0.5 <= abs(value) < 1e6:
         return f"{value:.0f}"
     return f"{value:.{digits}g}"
+
+
+def format_beside(value: float, limit: float, decimals: int) -> str:
+    """Format `value` with that many `decimals`, and with more where it would read like a `limit` that it is not.
+
+    >>> format_beside(0.99949, 0.9995, 4), format_beside(0.9995, 0.9995, 4), format_beside(99.99999, 100.0, 2)
+    ('0.99949', '0.9995', '99.99999')
+    """
+    while value != limit and decimals < 15 and f"{value:.{decimals}f}" == f"{limit:.{decimals}f}":
+        decimals += 1
+    return f"{value:.{decimals}f}"
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:

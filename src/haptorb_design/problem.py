@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, final
 from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.based_on import lay_over_base
 from haptorb.devices.loader import DeviceTables, build_tables, read_tables
-from haptorb.devices.registry import find_file, kind_of_name
+from haptorb.devices.registry import find_file
 from haptorb.devices.schema import find_key
 from haptorb.errors import InputError, UnknownName, quote
 
@@ -392,7 +392,7 @@ def _check_schema(tables: DeviceTables, key: str, path: list[str | int]) -> None
     """InputError unless the file of such a device may have the key, though this one has not."""
     kind = tables.values.get("kind")
     if isinstance(kind, str):
-        model = find_file(kind_of_name(kind), tables.name)
+        model = find_file(kind, tables.name)
         if find_key(model, [part - 1 if isinstance(part, int) else part for part in path]) is not None:
             return
     known = list(dict.fromkeys(_list_keys(tables.values, "")))

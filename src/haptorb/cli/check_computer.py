@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from haptorb.arrays import Array
+from haptorb.display import format_beside
 from haptorb.errors import InputError
 from haptorb.notebook import NotebookReport
 from haptorb.runtime.servo import Servo
@@ -184,11 +185,16 @@ class Fitness(NotebookReport):
         return (
             Verdict(
                 "ticks on time",
-                f"{100 * success:.3f} %",
+                f"{format_beside(100 * success, 100 * MIN_ON_TIME_FRACTION, 3)} %",
                 f"at least {100 * MIN_ON_TIME_FRACTION:g} %",
                 success >= MIN_ON_TIME_FRACTION,
             ),
-            Verdict("lateness, 99 %", f"{late:.0f} µs", f"at most {MAX_LATENESS_US:g} µs", late <= MAX_LATENESS_US),
+            Verdict(
+                "lateness, 99 %",
+                f"{format_beside(late, MAX_LATENESS_US, 0)} µs",
+                f"at most {MAX_LATENESS_US:g} µs",
+                late <= MAX_LATENESS_US,
+            ),
             Verdict("trips", ", ".join(trips) or "none", "none", not trips),
         )
 

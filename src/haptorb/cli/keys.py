@@ -32,16 +32,14 @@ class FileKeys(NamedTuple):
 
 def list_device_sections() -> list[KeySection]:
     """List the keys of a device file, one section for each kind of device that has files."""
-    from haptorb.devices.registry import REGISTERED, find_file, kind_names, kind_of_name
+    from haptorb.devices.registry import find_file, has_file, kind_names
     from haptorb.devices.schema import list_keys
 
     sections = []
     for name in kind_names():
         try:
-            kind = kind_of_name(name)
-            if name in REGISTERED and kind.file is None:
-                continue  # made in Python only
-            sections.append(KeySection(f'kind = "{name}"', tuple(list_keys(find_file(kind, name)))))
+            if has_file(name):
+                sections.append(KeySection(f'kind = "{name}"', tuple(list_keys(find_file(name, name)))))
         except HaptorbError as cause:  # of another package
             notify(str(cause))
     return sections

@@ -409,6 +409,7 @@ def _driver_text(servo: Servo) -> str:
 
 
 def _report(servo: Servo, json: bool) -> None:
+    from haptorb.display import format_beside
     from haptorb.runtime.report import describe_detail
     from haptorb.serve.base import describe_servers
 
@@ -421,7 +422,7 @@ def _report(servo: Servo, json: bool) -> None:
         torque = f", torque {1e3 * report['peak_torque_nm']:.1f} mN·m"
         turned = torque if report["rendered_part"] in ("torque", "both") else ""
         notify(
-            f"{report['ticks']} ticks, {100 * rate:.2f} % on time, p99 lateness {late:.0f} µs, "
+            f"{report['ticks']} ticks, {format_beside(100 * rate, 100.0, 2)} % on time, p99 lateness {late:.0f} µs, "
             + (
                 f"peak torque {report['peak_torque_nm']:.2f} N·m"
                 if servo.modes

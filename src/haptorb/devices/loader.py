@@ -14,7 +14,7 @@ from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.based_on import drop_keys, has_key, is_table, lay_over_base
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.quantity import strip_provenance
-from haptorb.devices.registry import find_file, is_kind, kind_names, kind_of_name
+from haptorb.devices.registry import find_file, is_kind, kind_names
 from haptorb.devices.schema import DeviceSchema, explain_mistakes
 from haptorb.errors import DeviceError, UnknownName, quote
 from haptorb.file_kind import FileKind, find_kind
@@ -159,7 +159,7 @@ def build_tables(tables: DeviceTables, *, override: bool = False) -> Device:
     if not isinstance(kind, str) or not is_kind(kind):
         raise DeviceError(f"device '{name}': kind must be one of {', '.join(kind_names())}; got {quote(kind)}")
     assumed: dict[str, str] = {}
-    file_class = find_file(kind_of_name(kind), name)
+    file_class = find_file(kind, name)
     try:
         # sizes that overflow, or divide by nothing, are refused here and not carried on as NaN
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -209,7 +209,7 @@ def list_mistakes(tables: DeviceTables) -> list[tuple[list[str | int], str]]:
     """
     from pydantic import ValidationError
 
-    file_class = find_file(kind_of_name(str(tables.values["kind"])), tables.name)
+    file_class = find_file(str(tables.values["kind"]), tables.name)
     try:
         file_class.model_validate({key: strip_provenance(value, key, {}) for key, value in tables.values.items()})
     except ValidationError as cause:

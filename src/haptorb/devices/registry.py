@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 
+from pydantic import BaseModel
+
 from haptorb.devices.base import DeviceKind
 from haptorb.devices.schema import DeviceSchema
 from haptorb.errors import DeviceError, InputError, quote
 
-__all__ = ["REGISTERED", "find_file", "is_kind", "kind_names", "kind_of_name", "register"]
+__all__ = ["REGISTERED", "find_file", "has_file", "is_kind", "kind_names", "kind_of_name", "register"]
 
 
 def _load_electromagnet() -> tuple[DeviceKind, type[DeviceSchema]]:
@@ -89,20 +91,36 @@ def is_kind(name: str) -> bool:
 
 def kind_of_name(name: str) -> DeviceKind:
     """Return the record of that name. Raises KeyError for another, DeviceError for one that a package breaks."""
-    if name in _KINDS:
-        return _KINDS[name]()[0]
-    return REGISTERED[name] if name in REGISTERED else _load_installed(_list_installed()[name])
+    return _find(name)[0]
 
 
-def find_file(kind: DeviceKind, device: str) -> type[DeviceSchema]:
-    """Return the schema of the files of `kind`. Raises InputError, which names `device`, for a kind without files."""
-    if kind.name in _KINDS and _KINDS[kind.name]()[0] is kind:
-        return _KINDS[kind.name]()[1]
-    if kind.file is None:
+def has_file(name: str) -> bool:
+    """Whether devices of the kind of that name have files; others are made in Python. Raises as `kind_of_name`."""
+    return _find(name)[1] is not None
+
+
+def find_file(name: str, device: str) -> type[DeviceSchema]:
+    """Return the schema of the files of the kind of that name.
+
+    Raises InputError, which names `device`, for a kind without files, else as `kind_of_name`.
+    """
+    kind, file = _find(name)
+    if file is None:
         raise InputError(f"device '{device}' is a {kind.title}, which has no device file: it is made in Python")
-    if not issubclass(kind.file, DeviceSchema):
+    if not issubclass(file, DeviceSchema):
         raise InputError(f"file of kind '{kind.name}' must be a subclass of haptorb.devices.DeviceFile")
-    return kind.file
+    return file
+
+
+def _find(name: str) -> tuple[DeviceKind, type[BaseModel] | None]:
+    """Return record and schema of the kind of that name.
+
+    haptorb's own schemas make devices of their kind, whose record therefore cannot hold them: an import in a circle.
+    """
+    if name in _KINDS:
+        return _KINDS[name]()
+    kind = REGISTERED[name] if name in REGISTERED else _load_installed(_list_installed()[name])
+    return kind, kind.file
 
 
 def _list_installed() -> dict[str, EntryPoint]:

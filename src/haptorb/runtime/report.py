@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from haptorb.control.trip_reasons import CoilState, GuardState, Trip
-from haptorb.display import facts_html, format_quantity
+from haptorb.display import facts_html, format_beside, format_quantity
 from haptorb.recording.row import STAGES
 from haptorb.runtime.shared_memory import CAPACITY, TRIPS, Histogram, SharedMemory, Word
 from haptorb.runtime.trackers.pose_filter import describe_trip
@@ -193,7 +193,7 @@ class RunReport(dict[str, Any]):
             ("world", str(self.get("world"))),
             ("rate", f"{self.get('rate_hz', float('nan')):g} Hz"),
             ("ticks", f"{self.get('ticks', 0)}, {self.get('missed', 0)} deadlines missed"),
-            ("on time", "unknown" if share is None else f"{100 * share:.3f} %"),
+            ("on time", "unknown" if share is None else f"{format_beside(100 * share, 100.0, 3)} %"),
             ("lateness", _list_percentiles(self.get("lateness_us"))),
             ("computing", _list_percentiles(self.get("compute_us"))),
             *self._largest(),

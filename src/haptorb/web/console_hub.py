@@ -19,14 +19,13 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.trackers.pose_filter import REASONS
 from haptorb.web.access import PROTOCOL
 from haptorb.web.force_map import ForceMapWorker
+from haptorb.web.server import MAX_PAGES, TRY_AGAIN_LATER, is_stop_request
 from haptorb.web.server import command as read_command
-from haptorb.web.server import is_stop_request
 from haptorb.web.session import PointerRelay, describe_world, prepare, press_buttons, read_world, worlds
 from haptorb.web.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
 
 __all__ = [
     "MAX_BACKLOG_S",
-    "MAX_PAGES",
     "SEND_TIMEOUT_S",
     "ConsolePage",
     "ConsoleSocketHub",
@@ -316,7 +315,6 @@ class DesignRelay:
         task.add_done_callback(self._tasks.discard)
 
 
-MAX_PAGES = 16  #: pages at the same time
 FRAME_INTERVAL_S = 1 / 60  #: between two frames [s]
 ECHO_POLL_INTERVAL_S = 1 / 500  #: polling interval of the rows while an echo of the pointer is pending [s]
 HAND_REFRESH_INTERVAL_S = 1 / 100  #: between two refreshes of a hand at rest [s]
@@ -329,7 +327,6 @@ _REPORTED_REFUSALS = (
     "stranger",
     "jump",
 )  # reasons of refused poses that are reported to the user
-_TRY_AGAIN_LATER = 1013  #: close code of a WebSocket
 _COMMANDS = "stop, engage, home, drop, mode, model, clutch, cool, buttons, world"
 _MAX_NAME_CHARACTERS = 64  #: of a mode or a model [characters]
 
@@ -383,7 +380,7 @@ class ConsoleSocketHub:
         """Serve one page until it disconnects or stops reading; refuse pages above the maximum with the reason."""
         await socket.accept(PROTOCOL if PROTOCOL in socket.scope["subprotocols"] else None)
         if len(self._pages) >= MAX_PAGES:
-            await socket.close(_TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them")
+            await socket.close(TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them")
             return
         page = ConsolePage(socket)
         self._pages.append(page)

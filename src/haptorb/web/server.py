@@ -40,6 +40,8 @@ __all__ = [
     "HOST",
     "MAX_CONNECTIONS",
     "MAX_LIFETIME_S",
+    "MAX_PAGES",
+    "TRY_AGAIN_LATER",
     "OwnErrorFilter",
     "PageAddress",
     "Request",
@@ -70,6 +72,9 @@ __all__ = [
 # requests at the same time, for how long, and how much is read from one before the others have their turn. The worst
 # effect of any client's data is the end of its own connection.
 
+
+MAX_PAGES = 16  #: pages of one kind at the same time: of the console, of a recording, of a person in a study
+TRY_AGAIN_LATER = 1013  #: close code of a WebSocket, for a page too many
 
 #: connections with HTTP requests, and as many WebSockets that are opening or closing; a browser needs six. A new one
 #: replaces the oldest

@@ -36,7 +36,17 @@ from haptorb.web.console_hub import SEND_TIMEOUT_S, to_json, wait_for_first
 from haptorb.web.force_map import ForceMapSource, shell
 from haptorb.web.force_map_process import ForceMapProcess
 from haptorb.web.overview import Overview
-from haptorb.web.server import PageAddress, bind_socket, open_browser_at, page_files, respond, server, signals
+from haptorb.web.server import (
+    MAX_PAGES,
+    TRY_AGAIN_LATER,
+    PageAddress,
+    bind_socket,
+    open_browser_at,
+    page_files,
+    respond,
+    server,
+    signals,
+)
 from haptorb.web.server import command as read_command
 from haptorb.web.session import RecordedServo, list_shapes, object_scene, session, world_remarks, worlds
 from haptorb.web.wire import COLUMNS, MODED, encode_force_frame, mesh_frame, rows_frame
@@ -553,8 +563,6 @@ def _read_whole(question: Mapping[str, Any], key: str) -> int:
 #: folder into which the build hook writes the pages
 STATIC = Path(__file__).parent / "view_static"
 
-MAX_PAGES = 16  #: pages of a recording at the same time
-_TRY_AGAIN_LATER = 1013  #: close code of a WebSocket: too many pages
 _NO_RECORDING = 4404  #: close code of a WebSocket for an unknown recording
 
 
@@ -611,9 +619,8 @@ def application(
         number = number_of(socket)
         if number is None or open_pages[number] >= MAX_PAGES:
             await socket.accept()
-            await socket.close(
-                *((_NO_RECORDING, "no such recording") if number is None else (_TRY_AGAIN_LATER, "too many pages"))
-            )
+            full = TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them"
+            await socket.close(*((_NO_RECORDING, "no such recording") if number is None else full))
             return
         open_pages[number] += 1
         try:

@@ -16,7 +16,7 @@ from typing import Any, final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.errors import HaptorbError, InputError
-from haptorb.web.server import PageAddress, is_stop_request
+from haptorb.web.server import MAX_PAGES, TRY_AGAIN_LATER, PageAddress, is_stop_request
 from haptorb.web.server import command as read_command
 from haptorb_study.pages.page_views import experimenter_view, participant_view, pen_view
 from haptorb_study.pages.session_manager import SessionManager
@@ -29,7 +29,6 @@ __all__ = ["StudySocketHub"]
 PEN_KEEP_ALIVE_S = 1 / 100  #: interval of the keep-alive of a pen steered from a page [s]
 UPDATE_INTERVAL_S = 1 / 25  #: interval of state updates to the pages [s]
 TOKEN_TIMEOUT_S = 5.0  #: timeout for a page's token [s]
-MAX_PAGES = 16  #: of one kind at the same time
 MAX_WAITING = 32  #: connections whose token is awaited; a new one replaces the oldest
 
 #: commands of an experimenter's page that end with the coils off, found in any message
@@ -40,7 +39,6 @@ _EXPERIMENTER_COMMANDS = frozenset(
     {"begin", "pause", "stop", "resume", "repeat", "engage", "leave", "abort", "skip", "view"}
 )
 _IN_TRIAL = ("running", "time is up")
-_TRY_AGAIN_LATER = 1013  #: close code of a WebSocket
 _MAX_UNSENT_MISTAKES = 20  #: unsent error messages of a page at most
 
 
@@ -118,7 +116,7 @@ class StudySocketHub:
             return False
         if len(pages) >= MAX_PAGES:
             with suppress(RuntimeError):
-                await socket.close(_TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them")
+                await socket.close(TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one of them")
             return False
         return True
 

@@ -10,14 +10,14 @@ from pydantic import BaseModel, Field
 
 from haptorb.devices import quantity as q
 from haptorb.devices import schema as m
-from haptorb.devices.registry import find_file, kind_names, kind_of_name
+from haptorb.devices.registry import find_file, kind_names
 from haptorb.devices.schema import KeyText, list_keys
 from haptorb_study.feel.designs import DesignFile, DesignTable
 from haptorb_study.study_file import Study
 
 
 def models() -> Iterator[type[BaseModel]]:
-    yield from (find_file(kind_of_name(name), name) for name in kind_names())
+    yield from (find_file(name, name) for name in kind_names())
     yield from (Study, DesignFile, DesignTable)
 
 
@@ -56,12 +56,12 @@ def test_what_a_schema_says_is_what_its_rows_say() -> None:
 
 
 def test_the_kinds_that_were_wrong() -> None:
-    motor = {key.path: key for key in list_keys(find_file(kind_of_name("spherical-motor"), "pmsm"))}
+    motor = {key.path: key for key in list_keys(find_file("spherical-motor", "pmsm"))}
     assert (motor["sensors.cross"].value, motor["sensors.cross"].unit) == ("number", "1")
     assert motor["groups.coils"].value == "list of 1 to 48 lists of 1 to 48 whole numbers"
     assert motor["groups.antipodal"].value == "true or false"
     assert motor["groups.winding"].range == '"series-aiding", "series-opposed", "matched"'
     assert motor["magnets.multipole.strengths"].unit == "A·m"
-    magnet = {key.path: key for key in list_keys(find_file(kind_of_name("spherical-electromagnet"), "omni"))}
+    magnet = {key.path: key for key in list_keys(find_file("spherical-electromagnet", "omni"))}
     assert magnet["hall.positions"].value == "list of 0 to 100 lists of 3 lengths"
     assert magnet["electromagnet.moment_per_current"].default == "computed from [windings]"

@@ -20,11 +20,11 @@ from websockets.sync.client import connect
 
 from haptorb.control.trip_reasons import Trip
 from haptorb.errors import InputError, RecordingError, ServoError
-from haptorb.web.server import PageAddress
+from haptorb.web.server import MAX_PAGES, PageAddress
 from haptorb_study.columns import read_replies, tidy
 from haptorb_study.database import database
 from haptorb_study.pages.session_manager import SessionManager, try_step
-from haptorb_study.pages.socket_hub import MAX_PAGES, MAX_WAITING
+from haptorb_study.pages.socket_hub import MAX_WAITING
 from haptorb_study.pages.study_server import STATIC, StudyServer
 from haptorb_study.study_file import Study, study_of
 

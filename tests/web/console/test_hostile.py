@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from haptorb.web import server
-from haptorb.web.console_hub import MAX_PAGES as PAGES
+from haptorb.web.server import MAX_PAGES as PAGES
 
 pytestmark = pytest.mark.realtime(retry=False)
 

@@ -242,7 +242,12 @@ def test_all_modules_beside_a_world_have_an_end_together(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("first", "encoding"),
-    [("", "utf-8-sig"), ("# coding: latin-1\nANGLE = '\xe4'\n", "latin-1"), ("# coding: utf-16\n", "utf-8"), ("", "utf-8")],
+    [
+        ("", "utf-8-sig"),
+        ("# coding: latin-1\nANGLE = '\xe4'\n", "latin-1"),
+        ("# coding: none\n", "utf-8"),
+        ("", "utf-8"),
+    ],
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_imports_of_an_import_are_found_as_python_reads_it(first: str, encoding: str, end: str, folder: Path) -> None:
@@ -257,7 +262,8 @@ def test_imports_of_an_import_are_found_as_python_reads_it(first: str, encoding:
     ["import " + ".".join("a" * 50_000), *("import a" + f".{gap}a" * 50_000 for gap in GAPS),
      f"import {'a' * 300}", f"from {'x' * 300} import y", "x = " + "(" * 5000,
      "import started_helper\n" + "-" * 100_000 + "1"],
-    ids=["many parts", *(f"gap {number}" for number in range(len(GAPS))), "long name", "long package", "brackets", "minus signs"],
+    ids=["many parts", *(f"gap {number + 1}" for number in range(len(GAPS))), "long name", "long package",
+         "brackets", "minus signs"],
 )  # fmt: skip
 def test_the_search_for_imports_ends_for_any_source(source: str, folder: Path) -> None:
     start = time.process_time()
