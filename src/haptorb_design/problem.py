@@ -137,7 +137,20 @@ class DesignCandidate:
         self._shared: dict[str, Any] = {}
 
     def share(self, name: str, compute: Callable[[], T]) -> T:
-        """Return the result of `compute`, computed once for all objectives that use `name`."""
+        """Compute once what several objectives use.
+
+        Parameters
+        ----------
+        name : str
+            Name of the result, the same for all of these objectives.
+        compute : callable
+            () → the result; called for the first of them only.
+
+        Returns
+        -------
+        object
+            The result.
+        """
         if name not in self._shared:
             self._shared[name] = compute()
         found: T = self._shared[name]
@@ -257,7 +270,23 @@ class Design:
         return any(is_own_code(one) for one in quantities)
 
     def parameter(self, name: str) -> DesignParameter:
-        """The parameter of that name; UnknownName for another."""
+        """Find a parameter by its name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the parameter.
+
+        Returns
+        -------
+        DesignParameter
+            The parameter.
+
+        Raises
+        ------
+        UnknownName
+            If there is none; the message names the most similar one.
+        """
         for one in self.parameters:
             if one.name == name:
                 return one

@@ -343,9 +343,17 @@ class ResultsWriter:
         return dict(self._known)
 
     def add(self, found: Iterable[Evaluation]) -> None:
-        """Store `found`, all or none; numbers already stored remain unchanged.
+        """Store evaluations, all or none.
 
-        Raises RecordingError if they cannot be stored; earlier ones are kept.
+        Parameters
+        ----------
+        found : iterable of Evaluation
+            The evaluations; one whose number is stored already changes nothing.
+
+        Raises
+        ------
+        RecordingError
+            If they cannot be stored; earlier ones are kept.
         """
         new = {one.number: one for one in found if one.number not in self._known}
         if not new:

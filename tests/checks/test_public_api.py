@@ -181,9 +181,10 @@ def list_docstring_faults(name: str, thing: object) -> list[str]:
 
 #: classes that people implement or use from programs: all of their methods have sections
 DESCRIBED = {
-    "haptorb": "Device Driver ErrorSource Feed HandGrip Sample SampledLoop Servo Simulation State WrenchMap",
-    "haptorb.worlds": "ContactWorld World",
-    "haptorb.magnetics": "Source",
+    "haptorb": "Device Driver ErrorSource Feed HandGrip Replay Sample SampledLoop Servo Simulation State WrenchMap",
+    "haptorb.worlds": "ContactWorld GuidancePath Outlet SnapFit Terrain World",
+    "haptorb.magnetics": "Coil CylinderMagnet RingMagnet Source",
+    "haptorb_design": "Design DesignCandidate ResultsWriter",
 }
 
 

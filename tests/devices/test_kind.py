@@ -142,8 +142,10 @@ def test_a_kind_of_an_installed_package_is_known_to_the_commands(
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rail-of-a-package\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[haptorb.kinds]\nrail = rail_of_a_package:RAIL\nbroken = rail_of_a_package:NOTHING\n"
+        "plain = rail_of_a_package:PLAIN\n"
     )
-    (tmp_path / "rail_of_a_package.py").write_text((RAIL / "rail.py").read_text(encoding="utf-8"))
+    plain = 'PLAIN = DeviceKind(name="plain", title="device made in Python", world="nothing")\n'
+    (tmp_path / "rail_of_a_package.py").write_text((RAIL / "rail.py").read_text(encoding="utf-8") + plain)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(REGISTERED, "rail", raising=False)
     assert load(RAIL / "rail.toml").kind.title == "magnet on a rail"
@@ -151,6 +153,7 @@ def test_a_kind_of_an_installed_package_is_known_to_the_commands(
     assert code == 0
     assert "kind of device 'broken' (rail_of_a_package:NOTHING) cannot be loaded" in error
     assert "rail.hand_stiffness" in said
+    assert "plain" not in said + error  # it has no file
     broken = tmp_path / "broken.toml"
     broken.write_text((RAIL / "rail.toml").read_text(encoding="utf-8").replace('kind = "rail"', 'kind = "broken"'))
     code, _, error = run_command(capsys, "inspect", str(broken))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from haptorb import worlds
@@ -52,3 +53,11 @@ def test_a_sum_shows_its_parts() -> None:
     assert "half_width_deg" in html
     assert "stiffness" in html
     assert repr(worlds.Sum()) == "Sum()"
+
+
+def test_a_path_can_be_an_array() -> None:
+    points = [(0.0, 0.0, 0.05), (0.0, 0.01, 0.05)]
+    given, listed = worlds.Guidance(path=np.array(points)), worlds.Guidance(path=tuple(points))
+    assert given == listed
+    assert hash(given) == hash(listed)
+    assert worlds.Guidance(path=np.empty((0, 3))) == worlds.Guidance()

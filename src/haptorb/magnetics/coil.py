@@ -243,7 +243,27 @@ class Coil(RoundBody):
         return self.field_bounded(points, self.precision)[0]
 
     def field_bounded(self, points: ArrayLike, precision: float) -> tuple[Array, Array]:
-        """Field (..., 3) [T/A] and its error bound (...,) [T/A]; PrecisionError if `precision` is out of reach."""
+        """Compute the field, with a bound of its error.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in the frame of the coil [m].
+        precision : float
+            Greatest relative error of the field [1].
+
+        Returns
+        -------
+        field : ndarray, shape (..., 3)
+            Field per ampere [T/A].
+        bound : ndarray, shape (...)
+            Bound of its error [T/A].
+
+        Raises
+        ------
+        PrecisionError
+            If `precision` is out of reach.
+        """
         at = vectors(points, "points")
         flat = np.ascontiguousarray(at.reshape(-1, 3))
         precision = _relative(precision)
@@ -262,7 +282,24 @@ class Coil(RoundBody):
         return out.reshape(*at.shape, 3)
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
-        """The winding as `across` × `along` loops at Gauss points: radii [m], heights [m], turns."""
+        """Replace the winding by loops at Gauss points.
+
+        Parameters
+        ----------
+        across : int
+            Loops along the radius.
+        along : int
+            Loops along the axis.
+
+        Returns
+        -------
+        radii : ndarray, shape (n,)
+            Radius of each of the `across` × `along` loops [m].
+        heights : ndarray, shape (n,)
+            Height on the axis [m].
+        turns : ndarray, shape (n,)
+            Turns that each stands for [1].
+        """
         x, u = gauss_legendre(across)
         y, v = gauss_legendre(along)
         middle, half = 0.5 * (self.outer_radius + self.inner_radius), 0.5 * (self.outer_radius - self.inner_radius)
@@ -270,8 +307,22 @@ class Coil(RoundBody):
         return np.repeat(middle + half * x, along), np.tile(0.5 * self.length * y, across), turns
 
     def resistance(self, fill: float, resistivity: float = COPPER_RESISTIVITY) -> float:
-        """Resistance [Ω] for the fill factor `fill` of the winding section: ρ 2πr̄N²/(fill·section).
+        """Compute the resistance of the winding: ρ 2πr̄N²/(fill·section).
 
+        Parameters
+        ----------
+        fill : float
+            Share of the winding's section that is conductor [1], above 0 and up to 1.
+        resistivity : float, optional
+            Resistivity ρ of the conductor [Ω·m]; that of copper at 20 °C unless given.
+
+        Returns
+        -------
+        float
+            Resistance [Ω].
+
+        Examples
+        --------
         >>> round(Coil(1000, 4.764e-3, 15.88e-3, 7.62e-3).resistance(0.6), 2)
         22.0
         """
@@ -279,7 +330,18 @@ class Coil(RoundBody):
         return float(resistivity * 2 * np.pi * mean * self.turns**2 / (_share(fill) * self._section))
 
     def heat_capacity(self, fill: float) -> float:
-        """[J/K] of the copper in the winding (without insulation and former)."""
+        """Compute the heat capacity of the copper, without insulation and former.
+
+        Parameters
+        ----------
+        fill : float
+            Share of the winding's section that is copper [1], above 0 and up to 1.
+
+        Returns
+        -------
+        float
+            Heat capacity [J/K].
+        """
         volume = np.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
         return float(_share(fill) * volume * COPPER_DENSITY * COPPER_SPECIFIC_HEAT)
 

@@ -84,7 +84,24 @@ class CylinderMagnet(RoundBody):
         return self._sheets.field_gradient(points)
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
-        """The bound current M on the side wall as `along` loops: radii [m], heights [m], currents [A]."""
+        """Replace the bound current M on the side wall by loops.
+
+        Parameters
+        ----------
+        across : int
+            Without effect: the sheets have no thickness.
+        along : int
+            Loops along the axis, on each side wall.
+
+        Returns
+        -------
+        radii : ndarray, shape (n,)
+            Radius of each loop [m].
+        heights : ndarray, shape (n,)
+            Height on the axis [m].
+        currents : ndarray, shape (n,)
+            Current of each [A].
+        """
         nodes, weights = gauss_legendre(along)
         currents = self.polarization / MU0 * 0.5 * self.length * weights
         return np.full(along, self.radius), 0.5 * self.length * nodes, currents
@@ -159,9 +176,23 @@ class RingMagnet(RoundBody):
         return self._sheets.field_gradient(points)
 
     def filaments(self, across: int, along: int) -> tuple[Array, Array, Array]:
-        """The bound currents ±M on both side walls as `along` loops each: radii [m], heights [m], currents [A].
+        """Replace the bound currents ±M on both side walls by loops.
 
-        Three arrays (loops,).
+        Parameters
+        ----------
+        across : int
+            Without effect: the sheets have no thickness.
+        along : int
+            Loops along the axis, on each side wall.
+
+        Returns
+        -------
+        radii : ndarray, shape (n,)
+            Radius of each loop [m].
+        heights : ndarray, shape (n,)
+            Height on the axis [m].
+        currents : ndarray, shape (n,)
+            Current of each [A].
         """
         nodes, weights = gauss_legendre(along)
         currents = self.polarization / MU0 * 0.5 * self.length * weights

@@ -580,12 +580,34 @@ class Replay:
         return self._rows.missing
 
     def read_recorded(self, names: Sequence[str]) -> dict[str, Array]:
-        """Read all recorded ticks: field → (n, width), in its unit [SI]."""
+        """Read fields of all recorded ticks.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the fields.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Field → values (n, width) at all ticks, in its unit [SI].
+        """
         block = self._rows.split(self._rows.read(0, len(self._rows)))
         return {name: block[name] for name in names}
 
     def write_to(self, path: Path) -> AbstractContextManager[ReplayFile]:
-        """Open a recording of the replayed rows; it is written atomically at the end of the block."""
+        """Open a recording of the replayed rows.
+
+        Parameters
+        ----------
+        path : Path
+            File of the recording; it is written as a whole at the end of the block.
+
+        Returns
+        -------
+        context manager
+            Its value takes the rows that `run` keeps.
+        """
         world = "" if self._other_world is None else description(self._other_world)
         return write_replay(path, self._recording, self._layout, self.rate, self.replaced, world)
 
@@ -599,7 +621,20 @@ class Replay:
         report: Callable[[int], None] = lambda ticks: None,
         keep: Callable[[Array], None] = lambda rows: None,
     ) -> RunComparison:
-        """Replay all ticks; `report` receives the number done, `keep` the rows (n, width), each number in its unit."""
+        """Replay all ticks.
+
+        Parameters
+        ----------
+        report : callable, optional
+            Called with the number of ticks that are done.
+        keep : callable, optional
+            Called with the next rows (n, width), each number in its unit.
+
+        Returns
+        -------
+        RunComparison
+            Differences between the recorded and the replayed rows.
+        """
         table, layout = self._timetable, self._layout
         with without_collection(), np.errstate(all="ignore"):  # the file may contain any numbers
             for first in range(0, len(table), _BLOCK):
@@ -625,8 +660,20 @@ class Replay:
         return self.comparison
 
     def skip_to(self, first: int, last: int) -> bool:
-        """Before `run`: restrict the replay to rows `first` up to `last`, with this unused chain. False: impossible,
-        because the recording has no state at row `first`, or another world was active there."""
+        """Restrict the replay to some rows, before `run`.
+
+        Parameters
+        ----------
+        first : int
+            First row.
+        last : int
+            Row after the last one.
+
+        Returns
+        -------
+        bool
+            False if the recording has no state at row `first`, or another world was active there: nothing is changed.
+        """
         block = self._rows.read_one(first)
         tick, change = float(block["tick"][0, 0]), np.nan_to_num(block["world"][0, 0])
         if self._state is not None or tick not in self._states or change != self._change:

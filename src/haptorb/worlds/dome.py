@@ -77,11 +77,11 @@ class Dome(World):
     Parameters
     ----------
     tool_moment : float
-        m_p, dipole moment of the tool's magnet [A·m²]; `for_device` sets it.
+        Dipole moment m_p of the tool's magnet [A·m²]; `for_device` sets it.
     contact_distance : float
-        d_min, distance of the magnet from the centre at contact [m], positive; `for_device` sets it.
+        Distance d_min of the magnet from the centre at contact [m], positive; `for_device` sets it.
     reach : float
-        d_max, distance from which the force is zero [m], above `contact_distance`; `for_device` sets it.
+        Distance d_max from which the force is zero [m], above `contact_distance`; `for_device` sets it.
 
     Examples
     --------

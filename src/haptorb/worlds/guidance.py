@@ -69,13 +69,12 @@ class Guidance(World):
 
     def __post_init__(self) -> None:
         World.__post_init__(self)
-        path = check_finite(self.path, "Guidance.path")
-        if path.size == 0:
-            path = loop_path()
+        given = check_finite(self.path, "Guidance.path")
+        path = given if given.size else loop_path()
         if path.ndim != 2 or path.shape[1] != 3 or not 2 <= len(path) <= _MAX_POINTS:
             raise InputError(f"Guidance.path must be 2 to {_MAX_POINTS} points, shape (n, 3); got shape {path.shape}")
         if isinstance(self.path, np.ndarray):  # worlds are compared, and an array has no hash
-            object.__setattr__(self, "path", tuple(map(tuple, path.tolist())))
+            object.__setattr__(self, "path", tuple(map(tuple, given.tolist())))
         object.__setattr__(self, "_path", np.ascontiguousarray(path))
 
     @property

@@ -169,14 +169,36 @@ class GuidancePath:
         return self.spacing * (len(self.places) - 1)
 
     def find_place(self, arc: float) -> Array:
-        """(3,) [m] point at `arc` [m] along the path, clamped to its ends."""
+        """Compute the point at a distance along the path.
+
+        Parameters
+        ----------
+        arc : float
+            Distance from the start, along the path [m]; less than zero is the start, more than its length the end.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            The point in the stator frame [m].
+        """
         at = min(max(arc / self.spacing, 0.0), len(self.places) - 1.0)
         k = min(int(at), len(self.places) - 2)
         place: Array = self.places[k] + (at - k) * (self.places[k + 1] - self.places[k])
         return place
 
     def check(self, device: Device) -> None:
-        """Raise InputError unless `device` has a dome and the whole path is on or above it, within the workspace."""
+        """Check that a device can guide along the path.
+
+        Parameters
+        ----------
+        device : Device
+            The device.
+
+        Raises
+        ------
+        InputError
+            Unless it has a dome, and the whole path is on or above it, within the workspace.
+        """
         check_workspace(self.places, self.spacing, device)
 
 

@@ -562,7 +562,29 @@ class SnapFit(ContactWorld, ObjectWorld):
 
     @classmethod
     def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> SnapFit:
-        """World for a given `hook`; `others` as in the constructor."""
+        """Make a snap-fit with a given hook.
+
+        Parameters
+        ----------
+        hook : Hook
+            The hook, with `youngs_modulus`, `poisson_ratio`, lengths and angles of the world.
+        friction : float
+            Coefficient μ between hook and part [1], from 0 to 1.
+        beam : {"timoshenko", "paper"}
+            Model of the hook.
+        **others : object
+            Other parameters of the world, as in the constructor.
+
+        Returns
+        -------
+        SnapFit
+            The world.
+
+        Raises
+        ------
+        GeometryError
+            For a hook that cannot exist, cannot be pushed in or cannot be pulled out.
+        """
         return cls(
             youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
             base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
@@ -594,7 +616,18 @@ class SnapFit(ContactWorld, ObjectWorld):
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """State of each hook, the one at +Y' first."""
+        """Compute the contact of each hook.
+
+        Parameters
+        ----------
+        state : State
+            State of the object.
+
+        Returns
+        -------
+        tuple of HookContact
+            Contact of each hook, the one at +Y' first.
+        """
         found = []
         for bent, place, *rest in self.render_contacts(state)[1][: self.hooks].tolist():
             face = "" if bent == 0.0 else "rear" if place < self.hook.ramp_end else "top"
@@ -793,7 +826,29 @@ class Outlet(ContactWorld, ObjectWorld):
 
     @classmethod
     def of(cls, hook: Hook, friction: float, beam: Model = "timoshenko", **others: Any) -> Outlet:
-        """Outlet with a pair of a given `hook`; `others` as in the constructor."""
+        """Make an outlet with a pair of a given hook.
+
+        Parameters
+        ----------
+        hook : Hook
+            The hook, with `youngs_modulus`, `poisson_ratio`, lengths and angles of the world.
+        friction : float
+            Coefficient μ between hook and part [1], from 0 to 1.
+        beam : {"timoshenko", "paper"}
+            Model of the hook.
+        **others : object
+            Other parameters of the world, as in the constructor.
+
+        Returns
+        -------
+        Outlet
+            The world.
+
+        Raises
+        ------
+        GeometryError
+            For a hook that cannot exist or jams, and a plug that would not be held.
+        """
         return cls(
             youngs_modulus=hook.youngs_modulus, poisson_ratio=hook.poisson_ratio, friction=friction,
             base_length=hook.base_length, peak=hook.peak, thickness=hook.thickness, height=hook.height,
@@ -826,7 +881,18 @@ class Outlet(ContactWorld, ObjectWorld):
         return wrench, hooks
 
     def contacts(self, state: State) -> tuple[HookContact, ...]:
-        """State of each hook, the one at +Y' first; the contact is always on its top."""
+        """Compute the contact of each hook.
+
+        Parameters
+        ----------
+        state : State
+            State of the object.
+
+        Returns
+        -------
+        tuple of HookContact
+            Contact of each hook, the one at +Y' first; it is always on its top.
+        """
         return tuple(
             HookContact("top" if bent > 0 else "", np.array(rest[:3]), np.array(rest[3:]), bent, place)
             for bent, place, *rest in self.render_contacts(state)[1].tolist()

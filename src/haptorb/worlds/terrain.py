@@ -101,10 +101,10 @@ class Terrain(World):
     Parameters
     ----------
     heights : array_like, shape (n, n)
-        Heights within −1 and 1 in units of `strength`, n from 4 to 4096; rows go from −y to +y, columns from −x to +x.
+        Heights [1] within −1 and 1, times `strength`, n from 4 to 4096; rows go from −y to +y, columns from −x to +x.
         The default has three mountains and two valleys.
     contact_distance : float
-        d_c, distance of the tool's magnet from the centre at contact [m], positive; `for_device` sets it.
+        Distance d_c of the tool's magnet from the centre at contact [m], positive; `for_device` sets it.
     reach : float
         Distance beyond which the force is zero [m], above `contact_distance`; `for_device` sets it.
     """
@@ -143,16 +143,52 @@ class Terrain(World):
 
     @classmethod
     def of(cls, function: Callable[[Array, Array], ArrayLike], size: int = 65, **values: float) -> Terrain:
-        """From a function from tilt and azimuth [rad] (arrays) to heights."""
+        """Make a terrain from a function.
+
+        Parameters
+        ----------
+        function : callable
+            (tilt, azimuth) → heights: arrays of shape (`size`, `size`); tilt from the axis z [rad], azimuth about it
+            from x [rad], heights within −1 and 1 [1].
+        size : int, optional
+            Heights along each side of the map, from 4 to 4096.
+        **values : object
+            Parameters of the terrain.
+
+        Returns
+        -------
+        Terrain
+            The terrain.
+
+        Raises
+        ------
+        InputError
+            For heights that are missing, out of range or not of that shape.
+        """
         half = radians(values.get("half_angle_deg", 60.0))
         v, u = np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size), indexing="ij")
         return cls(heights=np.asarray(function(half * np.hypot(u, v), np.arctan2(v, u))), **values)
 
     @classmethod
     def image(cls, path: str | Path, **values: float) -> Terrain:
-        """From a greyscale image file (PNG): black is −1, white is +1; the top of the image is +y. It must be square.
+        """Make a terrain from a greyscale image.
 
-        Raises InputError for a file that is not a square image, or has holes.
+        Parameters
+        ----------
+        path : str or Path
+            File of a square image, such as PNG, of at most 4096 pixels a side. Black is −1, white is +1; its top is +y.
+        **values : object
+            Parameters of the terrain.
+
+        Returns
+        -------
+        Terrain
+            The terrain.
+
+        Raises
+        ------
+        InputError
+            For a file that is no square image, or has transparent pixels.
         """
         from PIL import Image, UnidentifiedImageError
 

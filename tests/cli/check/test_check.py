@@ -79,6 +79,12 @@ def test_at_the_edge() -> None:
     assert _fitness(success_rate=0.999, lateness_us=_late(150.0)).fit
 
 
+def test_a_missed_limit_does_not_read_like_the_limit() -> None:
+    on_time, lateness, _ = _fitness(success_rate=0.9989999, lateness_us=_late(150.2)).verdicts
+    assert (on_time.fit, on_time.measured, on_time.wanted) == (False, "99.89999 %", "at least 99.9 %")
+    assert (lateness.fit, lateness.measured, lateness.wanted) == (False, "150.2 µs", "at most 150 µs")
+
+
 @pytest.mark.parametrize(
     ("machine", "took", "changes", "word"),
     [
