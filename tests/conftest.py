@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import pickle
 import re
 import shutil
 import signal
@@ -57,19 +56,11 @@ settings.load_profile("fixed")
 
 
 def _build_devices_once() -> None:
-    """Devices are immutable: in this process each text is read and built once, although nearly every test module loads
-    some (25 to 70 ms each, and again for the tables that a device computes when they are needed)."""
+    """Devices are immutable: in this process each text is built once, although nearly every test module loads some (20
+    to 70 ms each, and again for the tables that a device computes when they are needed). To read it takes 3 ms."""
     from haptorb.devices import loader
 
-    read, build = loader._lay_over_bases, loader.build_tables
-    tables_read, built = dict[tuple[str, str], bytes](), dict[Any, Any]()
-
-    def lay_over_bases(content: str, name: str, bases: Any) -> Any:
-        if bases is not None or name not in _CATALOGUE:
-            return read(content, name, bases)
-        if (content, name) not in tables_read:
-            tables_read[content, name] = pickle.dumps(read(content, name, None))
-        return pickle.loads(tables_read[content, name])  # nobody else's: tests change values in them
+    build, built = loader.build_tables, dict[Any, Any]()
 
     def build_tables(tables: Any, *, override: bool = False) -> Any:
         kind = str(tables.values.get("kind"))
@@ -80,7 +71,7 @@ def _build_devices_once() -> None:
             built[key] = build(tables, override=override)
         return built[key]
 
-    loader._lay_over_bases, loader.build_tables = lay_over_bases, build_tables
+    loader.build_tables = build_tables
 
 
 _SPECIMENS = 200  #: that are kept
