@@ -60,7 +60,8 @@ export class Header {
       write(at("loop"), "");
       return;
     }
-    const parts = [`loop ${formatNumber(100 * health.success, 2)} % on time`];
+    const onTime = Math.floor(1e4 * health.success + 1e-6) / 100; // rounded down: 100 % is every tick
+    const parts = [`loop ${formatNumber(onTime, 2)} % on time`];
     at("loop").title = `${formatNumber(health.rate_hz, 0)} Hz; 99 % of the ticks began at most ${formatNumber(health.lateness_p99_us, 0)} µs late`;
     // Without a tracker there is no pose age.
     if (health.pose_age_ms) parts.push(`pose ${formatNumber(health.pose_age_ms, 0)} ms`);
