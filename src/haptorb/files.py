@@ -55,9 +55,9 @@ __all__ = [
 _MAX_TOML_BYTES = 256 * 1024  #: bytes of a TOML file
 _MAX_DEPTH = 16  #: nesting depth of tables and lists
 _MAX_KEY_PARTS = 64  #: parts of a dotted key: parsing time grows with their square
-#: One part of a key. A quoted one can hold any character; there is no room for many that are longer than this.
-_KEY_PART = r"""(?:(?<![\w-])[\w-]+|"(?:[^"\\\n]|\\.){0,100}"|'[^'\n]{0,100}')[ \t]*"""
-_DOTTED = re.compile(rf"(?:{_KEY_PART}\.[ \t]*){{{_MAX_KEY_PARTS}}}{_KEY_PART}")
+#: One part of a key, possibly quoted. What a part has taken it does not give back: the search takes linear time.
+_KEY_PART = r"""(?:(?<![\w-])[\w-]++|(?<!\\)"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""
+_DOTTED = re.compile(rf"(?:{_KEY_PART}\.[ \t]*+){{{_MAX_KEY_PARTS}}}{_KEY_PART}")
 
 
 class RecognisedKind(Protocol):

@@ -7,9 +7,11 @@ import io
 import os
 import re
 import sys
+from codecs import lookup
 from collections.abc import Iterator
 from importlib.util import decode_source
 from pathlib import Path
+from tokenize import detect_encoding
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -27,8 +29,10 @@ _MAX_FILES = 500  #: modules of one file
 _MAX_BYTES = 4 << 20  #: of all these modules together; parsing takes 1 s per 2 MB
 _MAX_NAME_PARTS = 40  #: parts of a dotted name: Python's parser takes time with their square
 #: What Python skips between two parts. To its parser a line ends at any of CR, LF and CR LF.
-_BETWEEN = r"(?:[ \t\f]|\\(?:\r\n?|\n))*"
-_DOTTED = re.compile(rf"\b(?:\w+{_BETWEEN}\.{_BETWEEN}){{{_MAX_NAME_PARTS}}}")
+_BETWEEN = r"(?:[ \t\f]|\\(?:\r\n?|\n))*+"
+_SLOW_ENCODINGS = ("punycode", "idna")  #: of names in the network: the time grows with the square of the length
+_LETTER = r"[\w\x80-\U0010ffff]"  #: Python's names may have characters that are no letters to `re`
+_DOTTED = re.compile(rf"(?<!{_LETTER})(?:{_LETTER}++{_BETWEEN}\.{_BETWEEN}){{{_MAX_NAME_PARTS}}}")
 
 
 def find_imports(path: Path, source: str) -> dict[Path, str]:
@@ -51,17 +55,22 @@ def find_imports(path: Path, source: str) -> dict[Path, str]:
             left -= len(content)
             if left < 0:  # safety: imports-end-together
                 raise InputError(f"{path} imports more than {_MAX_BYTES >> 20} MiB of modules of its folder")
-            found[file] = content.decode("utf-8", "replace")
-            waiting.append((file, _decode(content)))
+            found[file] = _decode(content)
+            waiting.append((file, found[file]))
     return dict(sorted(found.items()))
 
 
 def _decode(content: bytes) -> str:
     """The text that Python reads: without a byte order mark, in the encoding that the first lines name."""
     try:
-        return decode_source(content)
+        encoding, _ = detect_encoding(io.BytesIO(content).readline)
+        if lookup(encoding).name not in _SLOW_ENCODINGS:
+            text = decode_source(content)
+            text.encode()  # some encodings make halves of characters, of which there is no digest
+            return text
     except (SyntaxError, ValueError, LookupError):  # Python reports it better, at the import itself
-        return content.decode("utf-8", "replace")
+        pass
+    return content.decode("utf-8", "replace")
 
 
 def list_modules(files: dict[Path, str]) -> list[ModuleType]:

@@ -172,6 +172,7 @@ def test_what_people_write_is_read(value: str, unit: str, number: float) -> None
         ("duty_bits = 12", "duty_bits = " + "[" * 30 + "]" * 30, "nested deeper"),
         ("duty_bits = 12", ".".join("a" * 5000) + " = 1", "more than 64 parts"),
         ("duty_bits = 12", ".".join(['"a $"'] * 5000) + " = 1", "more than 64 parts"),
+        ("duty_bits = 12", ".".join((["a"] * 63 + ['"' + "x" * 101 + '"']) * 80) + " = 1", "more than 64 parts"),
         ("duty_bits = 12", "x = { " + " . ".join(["'a\"'"] * 5000) + " = 1 }", "more than 64 parts"),
         ('title = "', 'title = "\\u001b[31m', "title"),
         ('voltage = "12 V"', "voltage = { value = " + "9" * 400 + ', unit = "V" }', "an integer of 40"),

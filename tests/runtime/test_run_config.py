@@ -98,6 +98,7 @@ def test_a_recording_without_texts_has_the_defaults() -> None:
         ("driver", "\x1b[2J"), ("driver", "i2c2:1"), ("driver", "serial:" + "x" * 10_000), ("tracker", "mouse"),
         ("tracker", "osc:\n9000"), ("tracker", "osc"), ("prediction_s", "nan"), ("prediction_s", "3"), ("seed", "-1"),
         ("seed", "9" * 10_000), ("seed", "1.5"), ("seed", "\u0664"), ("rate_hz", "-inf"), ("rate_hz", "0"),
+        ("rate_hz", "1e-300"), ("rate_hz", "1e9"),
         ("watchdog", "off"), ("torque_arm_m", "1e999"), ("learned", "\u00e9"), ("hand_start", "now"),
         ("gains", "[" * 100_000), ("coupling", "[1]"),
     ],
@@ -116,6 +117,7 @@ COUPLING: dict[str, Any] = {
     "change",
     [
         {"rate_hz": "fast"}, {"rate_hz": 1e9}, {"mass_kg": -1.0}, {"mass_kg": None}, {"mass_kg": 10**400},
+        {"mass_kg": 1e-300, "damping_n_s_per_m": 1e300},
         {"stiffness_n_per_m": float("nan")}, {"estimator": 3}, {"estimator": ""}, {"fed": 1}, {"latency_s": 1e3},
     ],
 )  # fmt: skip

@@ -43,6 +43,10 @@ __all__ = [
 # from a pen held lightly to one held firmly. A tool that is not held has hardly any damping.
 
 
+#: greatest damping [1/s] and stiffness [1/s²] of a hand per mass
+_MAX_DAMPING_RATE, _MAX_STIFFNESS_RATE = 1e9, 1e12
+
+
 @dataclass(frozen=True)
 class HandGrip:
     """Impedance of a hand and the object in it, along one axis: m ẍ + b ẋ + k x = force.
@@ -59,7 +63,8 @@ class HandGrip:
     Raises
     ------
     InputError
-        If the mass is not positive, or damping or stiffness is negative.
+        If the mass is not positive, damping or stiffness is negative, or one of them is more than the mass by 1e9/s or
+        1e12/s²: no hand is, and the motion over one period could not be computed.
 
     Notes
     -----
@@ -83,6 +88,11 @@ class HandGrip:
             raise InputError(
                 "a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; "
                 f"got {', '.join(f'{value:g}' for value in values)}"
+            )
+        if self.damping > _MAX_DAMPING_RATE * self.mass or self.stiffness > _MAX_STIFFNESS_RATE * self.mass:
+            raise InputError(
+                f"a grip needs damping ≤ {_MAX_DAMPING_RATE:g}/s of its mass and stiffness ≤ {_MAX_STIFFNESS_RATE:g}/s² of "
+                f"it; got {', '.join(f'{value:g}' for value in values)}"
             )
 
     def with_mass(self, mass: float) -> HandGrip:

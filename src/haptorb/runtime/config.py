@@ -262,7 +262,7 @@ class RunConfig:
         CalibrationError
             If the recorded calibration or frame cannot be read.
         RecordingError
-            If haptorb did not write the gains, the coupling, or the part to render.
+            If the gains or the coupling are a JSON object that haptorb did not write, or the part to render is none.
 
         Notes
         -----
@@ -362,7 +362,9 @@ class _Origin:
     def refuse(self, what: str, got: object, cause: Exception) -> RecordingError:
         """Make the error for a text that haptorb did not write."""
         reason = quote(str(cause), 200)[1:-1]
-        return RecordingError(f"{self.source} cannot be replayed: its {what} are {quote(got)} ({reason})")
+        return RecordingError(
+            f"the description of the run in {self.source} cannot be read: its {what} are {quote(got)} ({reason})"
+        )
 
 
 @dataclass(frozen=True)
@@ -424,6 +426,14 @@ def _read_driver(text: str, origin: _Origin) -> str | None:
 def _read_tracker(text: str, origin: _Origin) -> str | None:
     name = _read_name(text, origin)
     return name if name is not None and is_tracker_name(name) else None
+
+
+def _read_rate(text: str, _: _Origin) -> float | None:
+    number = _parse_number(text)
+    try:
+        return None if number is None else check_rate(number)
+    except InputError:
+        return None
 
 
 def _read_prediction(text: str, _: _Origin) -> float | None:
@@ -521,7 +531,7 @@ _NOTES = (
     _Note("tracker", "tracker", lambda run: run.tracker, _read_tracker),
     _Note("prediction", "prediction_s", lambda run: _write_number(run.prediction), _read_prediction),
     _Note("frame", "frame", lambda run: "" if run.frame is None else run.frame.text(), _read_frame),
-    _Note("rate", "rate_hz", lambda run: _write_number(run.rate), lambda text, _: _parse_positive(text)),
+    _Note("rate", "rate_hz", lambda run: _write_number(run.rate), _read_rate),
     _Note("seed", "seed", lambda run: str(run.seed), _read_seed),
     _Note("model", "model", lambda run: run.model or run.device.tick_models[0], _read_name),
     _Note("estimator", "estimator", lambda run: check_estimator(run.device, run.estimator), _read_name),

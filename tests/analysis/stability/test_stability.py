@@ -130,6 +130,13 @@ def test_nothing_has_no_limit_and_a_hand_without_damping_stands_nothing():
     assert SampledLoop(1e-3).largest(HandGrip(0.1, 0.0, 100.0)) == 0.0
 
 
+@pytest.mark.parametrize(("mass", "damping", "stiffness"), [(1e-9, 1.0, 1e3), (1e3, 1e12, 0.0), (1e-6, 0.0, 1e6)])
+def test_the_stiffest_hand_that_is_taken_can_be_computed(mass, damping, stiffness):
+    assert SampledLoop(1e-3, 1e-4, 1e-3, 1e-3).largest(HandGrip(mass, damping, stiffness)) >= 0.0
+    with pytest.raises(InputError, match="of its mass"):
+        HandGrip(mass / 2, damping, stiffness)
+
+
 @pytest.mark.parametrize("bad", [(0.0,), (-1e-3,), (math.nan,), (1e-3, -1.0), (1e-3, math.inf), (1e-3, 0.0, 2e-3)])
 def test_times_that_cannot_be(bad):
     with pytest.raises(InputError):

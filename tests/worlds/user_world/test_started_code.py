@@ -259,16 +259,35 @@ def test_imports_of_an_import_are_found_as_python_reads_it(first: str, encoding:
 
 @pytest.mark.parametrize(
     "source",
-    ["import " + ".".join("a" * 50_000), *("import a" + f".{gap}a" * 50_000 for gap in GAPS),
+    ["import " + ".".join("a" * 50_000), "import " + ".".join("℘" * 20_000), "import " + ".".join(["e\u0301"] * 20_000),
+     *("import a" + f".{gap}a" * 50_000 for gap in GAPS),
      f"import {'a' * 300}", f"from {'x' * 300} import y", "x = " + "(" * 5000,
      "import started_helper\n" + "-" * 100_000 + "1"],
-    ids=["many parts", *(f"gap {number + 1}" for number in range(len(GAPS))), "long name", "long package",
+    ids=["many parts", "many letters", "many accents", *(f"gap {number + 1}" for number in range(len(GAPS))),
+         "long name", "long package",
          "brackets", "minus signs"],
 )  # fmt: skip
 def test_the_search_for_imports_ends_for_any_source(source: str, folder: Path) -> None:
     start = time.process_time()
     with suppress(InputError):
         assert set(find_imports(folder / "groove.py", source)) <= {folder / "started_helper.py"}
+    assert time.process_time() - start < 1.0
+
+
+def test_a_module_in_another_encoding_has_the_text_that_python_reads(folder: Path) -> None:
+    helper, texts = folder / "started_helper.py", set()
+    for sign in (b"\xa3", b"\xab"):  # a comment and a sum, both no UTF-8
+        helper.write_bytes(b"# coding: mac_arabic\nx = 1 " + sign + b" 2\n")
+        texts.add(find_imports(folder / "groove.py", "import started_helper")[helper])
+    assert len(texts) == 2
+
+
+@pytest.mark.parametrize("encoding", ["punycode", "idna", "raw_unicode_escape", "utf-7", "rot13", "hex"])
+def test_the_encoding_of_a_module_takes_no_time_and_ends_nothing(encoding: str, folder: Path) -> None:
+    helper = folder / "started_helper.py"
+    helper.write_bytes(f"# coding: {encoding}\n# \\ud800 {'a-b9' * 100_000}\n".encode())
+    start = time.process_time()
+    find_imports(folder / "groove.py", "import started_helper")[helper].encode()
     assert time.process_time() - start < 1.0
 
 
