@@ -91,7 +91,8 @@ class HandGrip:
             )
         if self.damping > _MAX_DAMPING_RATE * self.mass or self.stiffness > _MAX_STIFFNESS_RATE * self.mass:
             raise InputError(
-                f"a grip needs damping ≤ {_MAX_DAMPING_RATE:g}/s of its mass and stiffness ≤ {_MAX_STIFFNESS_RATE:g}/s²; "
+                f"a grip needs damping ≤ {_MAX_DAMPING_RATE:g}/s times mass, stiffness ≤ {_MAX_STIFFNESS_RATE:g}/s² times "
+                "mass; "
                 f"got {', '.join(f'{value:g}' for value in values)}"
             )
 

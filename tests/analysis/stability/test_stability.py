@@ -133,7 +133,7 @@ def test_nothing_has_no_limit_and_a_hand_without_damping_stands_nothing():
 @pytest.mark.parametrize(("mass", "damping", "stiffness"), [(1e-9, 1.0, 1e3), (1e3, 1e12, 0.0), (1e-6, 0.0, 1e6)])
 def test_the_stiffest_hand_that_is_taken_can_be_computed(mass, damping, stiffness):
     assert SampledLoop(1e-3, 1e-4, 1e-3, 1e-3).largest(HandGrip(mass, damping, stiffness)) >= 0.0
-    with pytest.raises(InputError, match="of its mass and"):
+    with pytest.raises(InputError, match="times mass"):
         HandGrip(mass / 2, damping, stiffness)
 
 
