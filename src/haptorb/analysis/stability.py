@@ -84,16 +84,13 @@ class HandGrip:
 
     def __post_init__(self) -> None:
         values = (self.mass, self.damping, self.stiffness)
+        got = ", ".join(f"{value:g}" for value in values)
         if not (all(map(math.isfinite, values)) and self.mass > 0 and min(values) >= 0):
-            raise InputError(
-                "a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; "
-                f"got {', '.join(f'{value:g}' for value in values)}"
-            )
+            raise InputError(f"a grip needs mass > 0 kg, damping ≥ 0 N·s/m and stiffness ≥ 0 N/m; got {got}")
         if self.damping > _MAX_DAMPING_RATE * self.mass or self.stiffness > _MAX_STIFFNESS_RATE * self.mass:
             raise InputError(
-                f"a grip needs damping ≤ {_MAX_DAMPING_RATE:g}/s times mass, stiffness ≤ {_MAX_STIFFNESS_RATE:g}/s² times "
-                "mass; "
-                f"got {', '.join(f'{value:g}' for value in values)}"
+                f"a grip needs damping ≤ {_MAX_DAMPING_RATE:g}/s times mass, and stiffness ≤ "
+                f"{_MAX_STIFFNESS_RATE:g}/s² times mass; got {got}"
             )
 
     def with_mass(self, mass: float) -> HandGrip:
