@@ -108,7 +108,8 @@ def wait_for(into: str, least: int) -> int:
     raise AssertionError(f"{into} never had {least} designs")
 
 
-@pytest.mark.parametrize("interrupted", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow  # interrupted: test_sweep.py; killed: tests/design/store/test_results.py
+@pytest.mark.parametrize("interrupted", [False, True])
 def test_interrupted_and_killed_it_goes_on_and_ends_as_if_nothing_had_been(
     design: Path, tmp_path: Path, interrupted: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:

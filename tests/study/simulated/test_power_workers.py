@@ -37,6 +37,7 @@ def cluster() -> Iterator[str]:
         yield made.scheduler_address
 
 
+@pytest.mark.slow  # two processes of a design search: tests/design/workers/test_processes.py
 def test_two_processes_give_what_one_gives(alone: list[float]) -> None:
     told: list[tuple[int, int]] = []
     assert simulate(processes=2, progress=lambda done, of: told.append((done, of))) == alone
