@@ -224,8 +224,7 @@ def test_what_is_executed_lies_in_no_temporary_folder_that_others_may_rename(
 ) -> None:
     """The servo's process executes its plan: with TMPDIR writable for all, another account could replace the folder."""
     from haptorb import cache_folder
-    from haptorb.files import sweep
-    from haptorb.runtime import prestart
+    from haptorb.files import create_private_folder, sweep
 
     (tmp_path / "tmp").mkdir()
     (tmp_path / "tmp").chmod(mode)
@@ -234,7 +233,7 @@ def test_what_is_executed_lies_in_no_temporary_folder_that_others_may_rename(
     monkeypatch.delenv("HAPTORB_CACHE_FOLDER", raising=False)
     cache_folder._choose.cache_clear()
     try:
-        folder, claim = prestart._create_folder()
+        folder, claim = create_private_folder("servo")
         safe = mode != 0o777
         assert folder.is_relative_to(tmp_path / ("tmp" if safe else "cache"))
         assert explain_shared(folder) == ""
@@ -259,6 +258,6 @@ def test_where_everything_is_shared_nothing_is_started(tmp_path: Path, monkeypat
         raise PermissionError
 
     monkeypatch.setattr(files, "private_folder", refuse)
-    with pytest.raises(HaptorbError, match="set TMPDIR to a folder of yours"), files.private_temporary_folder("x-"):
+    with pytest.raises(HaptorbError, match="set TMPDIR to a folder of yours"), files.private_temporary_folder("page"):
         pass
     assert list((tmp_path / "tmp").iterdir()) == []

@@ -20,22 +20,22 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import time
-from typing import Any, BinaryIO, Protocol, final
+from typing import Any, BinaryIO, Literal, Protocol, final, get_args
 
 from haptorb.cache_folder import cache_folder, can_write_to, explain_shared, find_base, private_folder
 from haptorb.errors import HaptorbError, quote
 
 __all__ = [
-    "FOLDER",
     "RECORDING",
     "SHARED",
     "FileLock",
+    "FolderUse",
+    "create_private_folder",
     "describe_size_limit",
     "escape_formula",
     "folders",
     "foreign_name",
     "foreign_text",
-    "make_private_folder",
     "named_file",
     "open_regular",
     "parse_json",
@@ -423,11 +423,15 @@ def state_folder() -> Path:
 # package that can be locked has no owner, and is removed.
 
 
-FOLDER = "haptorb-servo-"  #: prefix of a folder's name
+#: what a folder is for; its name has this word and eight characters that nobody chose, as "haptorb-servo-x3_f0aq1"
+FolderUse = Literal["servo", "serve", "page", "scene", "libraries", "testrun"]
 SHARED = ".shared"  #: suffix of a shared memory's name, whose prefix is haptorb-
 RECORDING = ".temporary.mcap"  #: suffix of a temporary recording's name, whose prefix is haptorb-
 
-_OURS = re.compile(rf"haptorb-\w+(?:{re.escape(SHARED)}|{re.escape(RECORDING)})|{FOLDER}\w+", re.ASCII)
+_OURS = re.compile(
+    rf"haptorb-\w+(?:{re.escape(SHARED)}|{re.escape(RECORDING)})|haptorb-(?:{'|'.join(get_args(FolderUse))})-\w{{8}}",
+    re.ASCII,
+)
 
 
 @final
@@ -467,12 +471,21 @@ def folders() -> list[Path]:
     return [Path("/dev/shm"), Path(tempfile.gettempdir())]
 
 
-def make_private_folder(prefix: str) -> Path:
-    """Create a new folder that no other account can write to, rename or replace: its files may be executed.
+def create_private_folder(use: FolderUse) -> tuple[Path, FileLock]:
+    """Create a new folder that no other account can write to, rename or replace, because its files may be executed.
 
-    In the temporary folder; in the cache folder of this account, if others may rename what is in that one. Raises
-    HaptorbError if they may in both.
+    Returns it with its lock: when that is released, by `close` or the end of this process, any program's `sweep` may
+    remove the folder. It is in the temporary folder; in the cache folder of this account, if others may rename what is
+    in that one. Raises HaptorbError if they may in both.
     """
+    while True:
+        folder = _make_private_folder(f"haptorb-{use}-")
+        lock = FileLock(folder)
+        if lock.there:
+            return folder, lock
+
+
+def _make_private_folder(prefix: str) -> Path:
     while True:
         folder = Path(tempfile.mkdtemp(prefix=prefix))
         shared = explain_shared(folder)
@@ -491,13 +504,14 @@ def make_private_folder(prefix: str) -> Path:
 
 
 @contextmanager
-def private_temporary_folder(prefix: str) -> Iterator[Path]:
-    """Context with a folder of `make_private_folder`, which is removed at its end."""
-    folder = make_private_folder(prefix)
+def private_temporary_folder(use: FolderUse) -> Iterator[Path]:
+    """Context with a folder of `create_private_folder`, which is removed at its end."""
+    folder, lock = create_private_folder(use)
     try:
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+        lock.close()
 
 
 def sweep() -> int:
@@ -522,7 +536,8 @@ def _remove_if_stale(entry: os.DirEntry[str]) -> bool:
         return _remove_if_old(entry)
     try:
         found = entry.stat(follow_symlinks=False)
-        if found.st_uid != os.geteuid() or not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o077  # as `create_private_folder` makes them
+        if found.st_uid != os.geteuid() or not (private or stat.S_ISREG(found.st_mode)):
             return False
         descriptor = os.open(entry.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError:

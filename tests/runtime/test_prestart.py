@@ -140,7 +140,8 @@ def test_a_folder_that_another_start_removed_before_it_was_locked_is_made_again(
         return explain(folder)
 
     monkeypatch.setattr(files, "explain_shared", remove_and_explain)
-    made = files.make_private_folder("haptorb-servo-")
+    made, lock = files.create_private_folder("servo")
+    lock.close()
     assert made.is_dir()
     assert removed
     assert made != removed[0]

@@ -102,7 +102,7 @@ def run_program(
     flags = {"--force": force, "--headless": headless, "--open": browser}
     options += [name for name, on in flags.items() if on]
     options += [] if headless else ["--port", str(port)]
-    with private_temporary_folder("haptorb-libraries-") as kit:  # its libraries are loaded
+    with private_temporary_folder("libraries") as kit:  # its libraries are loaded
         lay_out(kit)
         with _open_run(options) as run:
             status = run.execute(command, kit)

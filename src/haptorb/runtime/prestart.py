@@ -15,7 +15,7 @@ from typing import Self, final
 
 from haptorb.child_process import environment
 from haptorb.errors import ServoError
-from haptorb.files import FOLDER, FileLock, make_private_folder
+from haptorb.files import create_private_folder
 from haptorb.runtime.linux import start_python
 
 __all__ = ["CATALOGUE", "CONTROLLER", "PLAN", "WANTED", "PrestartedProcess", "code_note", "start_module"]
@@ -33,7 +33,7 @@ class PrestartedProcess:
     """
 
     def __init__(self) -> None:
-        self.folder, self.claim = _create_folder()  #: owned by the servo from `activate` on
+        self.folder, self.claim = create_private_folder("servo")  #: owned by the servo from `activate` on
         self.errors = self.folder / "errors"  #: standard error of the process
         self.given = False
         try:
@@ -85,15 +85,6 @@ class PrestartedProcess:
 def code_note(folder: Path, name: str) -> Path:
     """Marker file in the servo's `folder`: it exists when the code of the catalogue's world `name` is compiled."""
     return folder / f"code-{name}"
-
-
-def _create_folder() -> tuple[Path, FileLock]:
-    """Create a new folder, and its lock."""
-    while True:
-        folder = make_private_folder(FOLDER)  # the plan in it is executed
-        claim = FileLock(folder)
-        if claim.there:
-            return folder, claim
 
 
 def start_module(

@@ -24,7 +24,7 @@ from haptorb.arrays import Array, record
 from haptorb.child_process import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
-from haptorb.files import foreign_text, make_private_folder
+from haptorb.files import FileLock, create_private_folder, foreign_text
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted, send_beside
 from haptorb.runtime.liveness import HangWatch
@@ -477,6 +477,7 @@ class Serving:
         self._ending = threading.Event()
         self._watcher: threading.Thread | None = None
         self._folder: Path | None = None
+        self._claim: FileLock | None = None  #: lock of that folder
         try:
             for number, choice in enumerate(choices):
                 self._servers.append(_Server(choice, number))
@@ -503,7 +504,7 @@ class Serving:
         Raises DriverError with the reason if one fails."""
         if not self._servers:
             return
-        self._folder = make_private_folder("haptorb-serve-")
+        self._folder, self._claim = create_private_folder("serve")
         shared = SharedMemory(self._servo.memory_path)
         for one in self._servers:
             self._start_process(one)
@@ -598,6 +599,8 @@ class Serving:
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
+        if self._claim is not None:
+            self._claim.close()
 
     def __enter__(self) -> Self:
         return self

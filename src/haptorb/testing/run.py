@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device, State
 from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, WorldError
+from haptorb.files import FileLock, create_private_folder
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import LatestRow
@@ -39,7 +39,7 @@ from haptorb.worlds.dynamic import BoundWorld
 
 __all__ = ["TEMPORARY", "DeviceRun", "HandSource", "haptic_device", "scripted_hand"]
 
-TEMPORARY = "haptorb-test-"  #: beginning of the name of a folder that is deleted with its run
+TEMPORARY = "haptorb-testrun-"  #: beginning of the name of a folder that is deleted with its run
 
 
 # --------------------------------------------------------------------------------------------------
@@ -416,7 +416,7 @@ def haptic_device(
         found, add_client_force(chosen, choices), rate=rate, seed=seed, model=model, estimator=estimator,
         render=render, torque_arm=torque_arm, grip=grip, hand=motion,
     )  # fmt: skip
-    folder = None if record is not None else tempfile.mkdtemp(prefix=TEMPORARY)
+    folder, lock = (None, None) if record is not None else create_private_folder("testrun")
     file = Path(record) if record is not None else Path(folder or "", "run.mcap")
     run: _SteppedRun | _RealTimeRun
     try:
@@ -426,10 +426,16 @@ def haptic_device(
         else:
             run = _SteppedRun(config, file)
     except BaseException:
-        if folder is not None:
-            shutil.rmtree(folder, ignore_errors=True)
+        _remove(folder, lock)
         raise
-    if folder is not None:
-        weakref.finalize(run, shutil.rmtree, folder, ignore_errors=True)
+    weakref.finalize(run, _remove, folder, lock)
     with run.open():
         yield run
+
+
+def _remove(folder: Path | None, lock: FileLock | None) -> None:
+    """Remove the folder of a run, if it has one."""
+    if folder is not None:
+        shutil.rmtree(folder, ignore_errors=True)
+    if lock is not None:
+        lock.close()

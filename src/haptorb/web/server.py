@@ -473,7 +473,7 @@ def open_browser_at(url: str) -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, 0)  # the browser is an ordinary program
-    with private_temporary_folder("haptorb-page-") as folder:
+    with private_temporary_folder("page") as folder:
         path = folder / "open.html"
         path.write_text(
             '<!doctype html><meta charset="utf-8"><title>haptorb</title>'

@@ -27,7 +27,7 @@ def compile_scene(engine: Any, path: Path) -> Any:
     library = next(Path(engine.__file__).parent.glob("libmujoco.so.*"), None)
     if library is None:  # not on Linux
         return engine.MjModel.from_xml_path(str(path))
-    with private_temporary_folder("haptorb-scene-") as folder:  # MuJoCo trusts a compiled model
+    with private_temporary_folder("scene") as folder:  # MuJoCo trusts a compiled model
         made = folder / "model.mjb"
         words = [str(library), str(path.absolute()), str(made)]
         run_limited(Path(__file__), words, folder, _SECONDS, _MEMORY)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -37,12 +38,14 @@ from pathlib import Path
 from haptorb.runtime import shared_memory
 from haptorb.recording import destination as recording_file
 from haptorb.recording.row import RowLayout
-from haptorb.runtime.prestart import _create_folder
+from haptorb.files import FolderUse, create_private_folder
+from typing import get_args
 from haptorb.devices.loader import load
 shared_memory.folders = lambda: [Path(sys.argv[1])]
 memory = shared_memory.SharedMemory.create(RowLayout.of(load("omni")))
-held = _create_folder(), memory, recording_file.create_temporary()
-(held[0][0] / "plan").write_text("")
+held = [create_private_folder(use) for use in get_args(FolderUse)], memory, recording_file.create_temporary()
+for made, _ in held[0]:
+    (made / "plan").write_text("")
 print("made", flush=True)
 time.sleep(100)
 """
@@ -54,16 +57,19 @@ def test_what_a_killed_program_left_goes_and_nothing_else(folder: Path) -> None:
     ]
     for file in kept:
         file.write_text("mine")
+    kept += [folder / name for name in ("haptorb-scene-mypicture", "haptorb-page-mine1234", "haptorb-serve-x")]
+    for mine in kept[-3:]:
+        mine.mkdir(0o755)
     with subprocess.Popen([sys.executable, "-c", _LIVES, str(folder)], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"made\n"
         made = set(folder.iterdir()) - set(kept)
-        assert len(made) == 3
+        assert len(made) == 2 + len(get_args(files.FolderUse))
         assert sweep() == 0
         assert made <= set(folder.iterdir())
         process.kill()
         process.wait()
-    assert sweep() == 3
+    assert sweep() == len(made)
     assert set(folder.iterdir()) == set(kept)
 
 
