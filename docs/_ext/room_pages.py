@@ -1,7 +1,7 @@
 """The pages of the public API, and one page per internal package, written from what modules declare public.
 
-With `-D rooms_in_brief=1` an internal page has only the first module of its package: the other hundreds take two
-thirds of the build, for which not every test run needs to wait.
+With `-D rooms_in_brief=1` an internal page has only the first module of its package, and there is no index to search:
+the other hundreds of modules take two thirds of the build, for which not every test run needs to wait.
 """
 
 from __future__ import annotations
@@ -157,6 +157,8 @@ def section(module: ModuleType) -> list[str]:
 
 
 def _write(app: Sphinx) -> None:
+    if app.config.rooms_in_brief:
+        app.builder.search = False
     folder = Path(app.srcdir) / "reference" / "generated"
     folder.mkdir(parents=True, exist_ok=True)
     pages = {"api": overview(), "internal": internal()} | {_page(package): public_page(package) for package in PUBLIC}
