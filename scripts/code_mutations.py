@@ -14,7 +14,7 @@ from pathlib import Path
 
 __all__ = ["Mutation", "MutationError", "change_code", "read_source"]
 
-_STEP = re.compile(r"([a-z]+)(?:\[(\d+)\])?")
+_STEP = re.compile(r"([a-z]+)(?:\[([^\]]+)\])?")
 
 
 class MutationError(Exception):
@@ -28,7 +28,8 @@ class Mutation:
     file       below src/haptorb
     function   dotted name; empty for the module itself
     target     as above; `NAME#2` is the third place that assigns NAME; `NAME@args[0]` the first argument of the call
-               that it is assigned, `NAME@elts[1]` the second part of the tuple
+               that it is assigned, `NAME@elts[1]` the second part of the tuple, `NAME@keywords[x].value` its argument
+               x, `NAME@values[a b]` the value of the key "a b" of the dict
     factor     [1]: −1 turns the sign, 0 leaves a term out; None leaves the part out of its product
     parts      reproductions whose rows are computed: "bai2012 appendix B"
     """
@@ -61,9 +62,10 @@ def change_code(text: str, mutation: Mutation) -> str:
         raise MutationError(f"{mutation.name}: nothing assigns this there")
     holder: ast.AST = holders[int(count or 0)]
     field, index = "value", None
-    for step in _STEP.findall(part):
-        holder, field, index = _follow(holder, field, index), step[0], int(step[1]) if step[1] else None
     try:
+        for name, place in _STEP.findall(part):
+            holder, field = _follow(holder, field, index), name
+            index = _find_index(holder, field, place) if place else None
         scaled: ast.expr = ast.BinOp(ast.Constant(mutation.factor), ast.Mult(), _follow(holder, field, index))
     except (AttributeError, IndexError) as cause:
         raise MutationError(f"{mutation.name}: what is assigned there has no such part") from cause
@@ -120,6 +122,19 @@ def _list_targets(node: ast.AST) -> list[str]:
 def _describe(node: ast.expr) -> str:
     """`out[i, j]`, `self.x`; several names with commas."""
     return ast.unparse(node).strip("()")
+
+
+def _find_index(node: ast.AST, field: str, place: str) -> int:
+    """The position that `place` names: a number, a keyword of a call, a key of a dict. Raises IndexError for others."""
+    if place.isdecimal():
+        return int(place)
+    names = {
+        "keywords": [one.arg for one in getattr(node, "keywords", ())],
+        "values": [getattr(one, "value", None) for one in getattr(node, "keys", ())],
+    }.get(field, [])
+    if place not in names:
+        raise IndexError(place)
+    return names.index(place)
 
 
 def _follow(node: ast.AST, field: str, index: int | None) -> ast.expr:

@@ -60,10 +60,10 @@ MUTATIONS = (
     Mutation("beams.py", "force_ratio", "angle", -1, (_F6,)),
     Mutation("beams.py", "force_ratio", "out", 1.1, (_F6,)),
     Mutation("beams.py", "root_strain", "strain", 1.1, (_T3,)),
-    Mutation("beams.py", "", "TABLE_3@keywords[6].value", 1.1, (_T3,)),
+    Mutation("beams.py", "", "TABLE_3@keywords[rear].value", 1.1, (_T3,)),
     Mutation("beams.py", "Hook.section", "out", 1.1, (_B, _F6)),
     Mutation("beams.py", "Hook.shear_ratio", "return", 1.1, (_B,)),
-    Mutation("beams.py", "", "MATERIALS@values[7].args[3]", 1.1, (_T3,)),
+    Mutation("beams.py", "", "MATERIALS@values[phosphor bronze].args[3]", 1.1, (_T3,)),
     # fields of bodies
     Mutation("magnetics/dipole.py", "_field", "c", 1.1, (_Z1, _Z3)),
     Mutation("magnetics/dipole.py", "_gradient", "c", 1.1, (_Z2F, _Z3F, _P)),

@@ -45,6 +45,8 @@ def test_the_record_leaves_no_file_and_no_row_open() -> None:
         ("y#1", "y = -2 * x"),
         ("a, b@elts[1]", "a, b = (x, -2 * y)"),
         ("z@args[0]", "z = max(-2 * x, y)"),
+        ("d@keywords[key].value", "d = h(1, key=-2 * x)"),
+        ("e@values[a b].args[0]", "e = {'c': x, 'a b': h(-2 * y)}"),
         ("out[0, 1]", "out[0, 1] += -2 * z"),
         ("key", "g(key=-2 * x)"),
         ("return", "return -2 * y"),
@@ -53,14 +55,17 @@ def test_the_record_leaves_no_file_and_no_row_open() -> None:
 def test_how_a_target_is_found(target: str, changed: str) -> None:
     text = (
         "def f(x, out):\n    y = x + 1\n    a, b = x, y\n    z = max(x, y)\n    out[0, 1] += z\n    y = x\n"
-        "    g(key=x)\n    return y\n"
+        "    g(key=x)\n    d = h(1, key=x)\n    e = {'c': x, 'a b': h(y)}\n    return y\n"
     )
     found = code.change_code(text, code.Mutation("a.py", "f", target, -2, ()))
     assert changed in found
     assert sum(line not in ast.unparse(ast.parse(text)) for line in found.splitlines()) == 1
 
 
-@pytest.mark.parametrize(("function", "target"), [("f", "q"), ("g", "y"), ("f", "y#2"), ("f", "y@args[0]")])
+@pytest.mark.parametrize(
+    ("function", "target"),
+    [("f", "q"), ("g", "y"), ("f", "y#2"), ("f", "y@args[0]"), ("f", "y@keywords[k].value"), ("f", "y@values[k]")],
+)
 def test_what_is_not_there_is_told(function: str, target: str) -> None:
     with pytest.raises(code.MutationError, match=target.partition("@")[0]):
         code.change_code("def f(x):\n    y = x\n", code.Mutation("a.py", function, target, -1, ()))
