@@ -53,6 +53,7 @@ class ServedFile:
         self._fields = fields
         count = self.loop.count
         while self.loop.count < count + 2:
+            assert self._publisher.is_alive(), "these are no fields of a row"
             sleep(0.001)
 
     def _publish(self) -> None:

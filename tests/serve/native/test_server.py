@@ -673,7 +673,7 @@ def test_a_motor_shows_its_object(libraries: Path, monkeypatch: pytest.MonkeyPat
             turned = (0.0, 0.0, np.sin(0.1), np.cos(0.1))
             served.publish(
                 object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), w=(9.0, 9.0, 9.0), gain=0.5,
-                share=(1.0, 0.0), object_wrench=(2.0, 4.0, 6.0, 1.0, 1.0, 1.0),
+                clutch_share=(1.0, 0.0), object_wrench=(2.0, 4.0, 6.0, 1.0, 1.0, 1.0),
             )  # fmt: skip
             await_position(dhd, (-0.02, 0.01, 0.03))
             matrix = (ctypes.c_double * 9)()
@@ -682,12 +682,12 @@ def test_a_motor_shows_its_object(libraries: Path, monkeypatch: pytest.MonkeyPat
             assert numbers(dhd.dhdGetAngularVelocityRad, 3) == pytest.approx([0.0, 0.0, 0.0])
             joints = (ctypes.c_double * 8)()
             rotor = (np.sin(0.15), 0.0, 0.0, np.cos(0.15))  # about the user's right, which is y there
-            served.publish(object=(0.002, 0.0, 0.0), q=rotor, share=(1.0, 0.0), gain=1.0)
+            served.publish(object=(0.002, 0.0, 0.0), q=rotor, clutch_share=(1.0, 0.0), gain=1.0)
             await_position(dhd, (0.0, 0.02, 0.0))
             assert dhd.dhdGetJointAngles(joints, ANY) == 0
             assert list(joints) == pytest.approx([0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], abs=1e-12)
             served.publish(
-                object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), gain=0.5, share=(1.0, 0.0),
+                object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), gain=0.5, clutch_share=(1.0, 0.0),
                 object_wrench=(2.0, 4.0, 6.0, 1.0, 1.0, 1.0),
             )  # fmt: skip
             await_position(dhd, (-0.02, 0.01, 0.03))
