@@ -687,7 +687,8 @@ def test_a_motor_shows_its_object(libraries: Path, monkeypatch: pytest.MonkeyPat
             assert dhd.dhdGetJointAngles(joints, ANY) == 0
             assert list(joints) == pytest.approx([0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], abs=1e-12)
             served.publish(
-                object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), gain=0.5, clutch_share=(1.0, 0.0),
+                object=(0.001, 0.002, 0.003), object_q=turned, q=(1.0, 0.0, 0.0, 0.0), gain=0.5,
+                clutch_share=(1.0, 0.0),
                 object_wrench=(2.0, 4.0, 6.0, 1.0, 1.0, 1.0),
             )  # fmt: skip
             await_position(dhd, (-0.02, 0.01, 0.03))
