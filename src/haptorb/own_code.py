@@ -30,8 +30,9 @@ _MAX_BYTES = 4 << 20  #: of all these modules together; parsing takes 1 s per 2 
 _MAX_NAME_PARTS = 40  #: parts of a dotted name: Python's parser takes time with their square
 #: What Python skips between two parts. To its parser a line ends at any of CR, LF and CR LF.
 _BETWEEN = r"(?:[ \t\f]|\\(?:\r\n?|\n))*+"
-_SLOW_ENCODINGS = ("punycode", "idna")  #: of names in the network: the time grows with the square of the length
 _LETTER = r"[\w\x80-\U0010ffff]"  #: Python's names may have characters that are no letters to `re`
+#: encodings of host names: decoding takes time with the square of the length
+_SLOW_ENCODINGS = ("punycode", "idna")
 _DOTTED = re.compile(rf"(?<!{_LETTER})(?:{_LETTER}++{_BETWEEN}\.{_BETWEEN}){{{_MAX_NAME_PARTS}}}")
 
 

@@ -63,8 +63,8 @@ class HandGrip:
     Raises
     ------
     InputError
-        If the mass is not positive, damping or stiffness is negative, or one of them is more than the mass by 1e9/s or
-        1e12/s²: no hand is, and the motion over one period could not be computed.
+        If the mass is not positive, damping or stiffness is negative, damping is above 1e9/s times the mass, or
+        stiffness above 1e12/s² times the mass: the motion over one period could not be computed.
 
     Notes
     -----

@@ -89,9 +89,9 @@ class CylinderMagnet(RoundBody):
         Parameters
         ----------
         across : int
-            Without effect: the sheets have no thickness.
+            Without effect: the sheet has no thickness.
         along : int
-            Loops along the axis, on each side wall.
+            Loops along the axis.
 
         Returns
         -------

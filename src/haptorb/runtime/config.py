@@ -428,20 +428,17 @@ def _read_tracker(text: str, origin: _Origin) -> str | None:
     return name if name is not None and is_tracker_name(name) else None
 
 
-def _read_rate(text: str, _: _Origin) -> float | None:
-    number = _parse_number(text)
-    try:
-        return None if number is None else check_rate(number)
-    except InputError:
-        return None
+def _read_checked(check: Callable[[float], float]) -> Callable[[str, _Origin], float | None]:
+    """Make the reader of a number that `check` accepts; it raises InputError for others, which give the default."""
 
+    def read(text: str, _: _Origin) -> float | None:
+        number = _parse_number(text)
+        try:
+            return None if number is None else check(number)
+        except InputError:
+            return None
 
-def _read_prediction(text: str, _: _Origin) -> float | None:
-    number = _parse_number(text)
-    try:
-        return None if number is None else check_prediction(number)
-    except InputError:
-        return None
+    return read
 
 
 def _read_frame(text: str, origin: _Origin) -> TrackerFrame | None:
@@ -529,9 +526,9 @@ def _read_coupling(text: str, origin: _Origin) -> CouplingSetting | None:
 _NOTES = (
     _Note("driver", "driver", lambda run: run.driver, _read_driver),
     _Note("tracker", "tracker", lambda run: run.tracker, _read_tracker),
-    _Note("prediction", "prediction_s", lambda run: _write_number(run.prediction), _read_prediction),
+    _Note("prediction", "prediction_s", lambda run: _write_number(run.prediction), _read_checked(check_prediction)),
     _Note("frame", "frame", lambda run: "" if run.frame is None else run.frame.text(), _read_frame),
-    _Note("rate", "rate_hz", lambda run: _write_number(run.rate), _read_rate),
+    _Note("rate", "rate_hz", lambda run: _write_number(run.rate), _read_checked(check_rate)),
     _Note("seed", "seed", lambda run: str(run.seed), _read_seed),
     _Note("model", "model", lambda run: run.model or run.device.tick_models[0], _read_name),
     _Note("estimator", "estimator", lambda run: check_estimator(run.device, run.estimator), _read_name),

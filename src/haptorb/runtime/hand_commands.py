@@ -163,7 +163,7 @@ class HandCommands:
         """
         place, turn = self._check_pose(p, q)
         if patience is not None:
-            warn("point(patience=...) is now called keep_alive", DeprecationWarning, stacklevel=2)
+            warn("point(patience=...) is now point(keep_alive=...)", DeprecationWarning, stacklevel=2)
             keep_alive = patience
         if not 0.0 <= keep_alive <= _MAX_KEEP_ALIVE_S:
             raise InputError(f"keep_alive must be between 0 and {_MAX_KEEP_ALIVE_S:g} s; got {keep_alive:g}")

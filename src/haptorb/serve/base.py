@@ -7,12 +7,11 @@ import errno
 import json
 import math
 import os
-import shutil
 import socket
 import subprocess
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -24,7 +23,7 @@ from haptorb.arrays import Array, record
 from haptorb.child_process import pack
 from haptorb.devices.base import Device
 from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
-from haptorb.files import FileLock, create_private_folder, foreign_text
+from haptorb.files import foreign_text, private_temporary_folder
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted, send_beside
 from haptorb.runtime.liveness import HangWatch
@@ -477,7 +476,7 @@ class Serving:
         self._ending = threading.Event()
         self._watcher: threading.Thread | None = None
         self._folder: Path | None = None
-        self._claim: FileLock | None = None  #: lock of that folder
+        self._folders = ExitStack()  #: removes it
         try:
             for number, choice in enumerate(choices):
                 self._servers.append(_Server(choice, number))
@@ -504,7 +503,7 @@ class Serving:
         Raises DriverError with the reason if one fails."""
         if not self._servers:
             return
-        self._folder, self._claim = create_private_folder("serve")
+        self._folder = self._folders.enter_context(private_temporary_folder("serve"))
         shared = SharedMemory(self._servo.memory_path)
         for one in self._servers:
             self._start_process(one)
@@ -596,11 +595,8 @@ class Serving:
                 show(f"--serve {kind} cannot be ended: the kernel holds its process {number}\n")
         for one in self._servers:
             one.preparation.close()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
-        if self._claim is not None:
-            self._claim.close()
+        self._folders.close()
+        self._folder = None
 
     def __enter__(self) -> Self:
         return self

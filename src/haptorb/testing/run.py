@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, final
@@ -19,7 +18,7 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device, State
 from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, WorldError
-from haptorb.files import FileLock, create_private_folder
+from haptorb.files import private_temporary_folder
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import LatestRow
@@ -416,8 +415,10 @@ def haptic_device(
         found, add_client_force(chosen, choices), rate=rate, seed=seed, model=model, estimator=estimator,
         render=render, torque_arm=torque_arm, grip=grip, hand=motion,
     )  # fmt: skip
-    folder, lock = (None, None) if record is not None else create_private_folder("testrun")
-    file = Path(record) if record is not None else Path(folder or "", "run.mcap")
+    folders = ExitStack()
+    if record is None:
+        record = folders.enter_context(private_temporary_folder("testrun")) / "run.mcap"
+    file = Path(record)
     run: _SteppedRun | _RealTimeRun
     try:
         if real_time:
@@ -426,16 +427,8 @@ def haptic_device(
         else:
             run = _SteppedRun(config, file)
     except BaseException:
-        _remove(folder, lock)
+        folders.close()
         raise
-    weakref.finalize(run, _remove, folder, lock)
+    weakref.finalize(run, folders.close)
     with run.open():
         yield run
-
-
-def _remove(folder: Path | None, lock: FileLock | None) -> None:
-    """Remove the folder of a run, if it has one."""
-    if folder is not None:
-        shutil.rmtree(folder, ignore_errors=True)
-    if lock is not None:
-        lock.close()

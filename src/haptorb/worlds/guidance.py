@@ -73,7 +73,7 @@ class Guidance(World):
         path = given if given.size else loop_path()
         if path.ndim != 2 or path.shape[1] != 3 or not 2 <= len(path) <= _MAX_POINTS:
             raise InputError(f"Guidance.path must be 2 to {_MAX_POINTS} points, shape (n, 3); got shape {path.shape}")
-        if isinstance(self.path, np.ndarray):  # worlds are compared, and an array has no hash
+        if not isinstance(self.path, tuple):  # worlds are compared, and neither arrays nor lists have a hash
             object.__setattr__(self, "path", tuple(map(tuple, given.tolist())))
         object.__setattr__(self, "_path", np.ascontiguousarray(path))
 

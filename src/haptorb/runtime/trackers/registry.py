@@ -54,7 +54,7 @@ def has_feed(name: str) -> bool:
 
 
 def is_tracker_name(name: str) -> bool:
-    """Whether `name` is a tracker or begins as one of a process of its own; its port, name or file is not looked at.
+    """Whether `name` has the form of a tracker's name; its port, stream or file is not checked.
 
     >>> is_tracker_name("hall"), is_tracker_name("osc:9000"), is_tracker_name("osc")
     (True, True, False)
