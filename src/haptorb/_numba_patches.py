@@ -28,7 +28,6 @@ __all__ = [
     "load_numba",
     "omit_unused_code",
     "remember_call_types",
-    "shorten_searches",
 ]
 
 _CALLEES = "callees"  #: folder of the code of functions that other kernels call, in their file's folder
@@ -75,7 +74,6 @@ def load_numba() -> Any:
     call_own_copies(codegen)
     omit_unused_code(codegen)
     remember_call_types()
-    shorten_searches()
     return numba
 
 
@@ -358,59 +356,6 @@ def remember_call_types() -> None:
         return signature
 
     BaseFunction.get_call_type = find_once  # type: ignore[method-assign]
-
-
-# --------------------------------------------------------------------------------------------------
-# Two functions that numba calls for every instruction of a kernel, with the same results in less time.
-#
-# Controller and simulated Omni, compiled in one process: 22.3 s of processor time without, 20.9 s with them (means of
-# three runs of each, one after the other; 0.7 to 2.8 s a pair). The first line of
-#     XDG_CACHE_HOME=$(mktemp -d) python -m haptorb_bench.starting omni
-# has this time; without: `load_numba` less its call of `shorten_searches`.
-
-
-def shorten_searches() -> None:
-    """List the variables of an instruction, and compare compiler options, in less time."""
-    from numba.core import ir
-    from numba.core.targetconfig import TargetConfig
-
-    ir.Inst._rec_list_vars = _make_list_variables(ir)
-
-    def list_values(self: Any) -> dict[str, Any]:
-        values: dict[str, Any] = {name: option.default for name, option in self.options.items()}
-        values.update(self._values)
-        return values
-
-    TargetConfig.values = list_values
-    # numba's, too, depends on the names only.
-    TargetConfig.__hash__ = lambda self: hash(tuple(self.options))
-
-
-def _make_list_variables(ir: Any) -> Callable[[Any, Any], list[Any]]:
-    """Return numba's `_rec_list_vars`, which remembers types of values that hold no variables."""
-    empty: set[type] = set()
-
-    def list_variables(self: Any, value: Any) -> list[Any]:
-        if isinstance(value, ir.Var):
-            return [value]
-        if isinstance(value, ir.Inst):
-            found: list[Any] = value.list_vars()
-            return found
-        if isinstance(value, dict):
-            value = value.values()
-        elif not isinstance(value, list | tuple):
-            empty.add(type(value))
-            return []
-        found = []
-        for one in value:
-            kind = type(one)
-            if kind is ir.Var:
-                found.append(one)
-            elif kind not in empty:
-                found.extend(list_variables(self, one))
-        return found
-
-    return list_variables
 
 
 def _silence_lock() -> None:

@@ -361,7 +361,7 @@ class _Origin:
 
     def refuse(self, what: str, got: object, cause: Exception) -> RecordingError:
         """Make the error for a text that haptorb did not write."""
-        reason = quote(str(cause), 200)[1:-1]
+        reason = f"{cause.args[0]} is missing" if isinstance(cause, KeyError) else quote(str(cause), 200)[1:-1]
         return RecordingError(
             f"the description of the run in {self.source} cannot be read: its {what} are {quote(got)} ({reason})"
         )
