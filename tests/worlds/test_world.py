@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -55,9 +57,10 @@ def test_a_sum_shows_its_parts() -> None:
     assert repr(worlds.Sum()) == "Sum()"
 
 
-def test_a_path_can_be_an_array() -> None:
+@pytest.mark.parametrize("make", [np.array, list], ids=["array", "list"])
+def test_a_path_can_be_an_array_or_a_list(make: Callable[[object], Any]) -> None:
     points = [(0.0, 0.0, 0.05), (0.0, 0.01, 0.05)]
-    given, listed = worlds.Guidance(path=np.array(points)), worlds.Guidance(path=tuple(points))
+    given, listed = worlds.Guidance(path=make(points)), worlds.Guidance(path=tuple(points))
     assert given == listed
     assert hash(given) == hash(listed)
     assert worlds.Guidance(path=np.empty((0, 3))) == worlds.Guidance()

@@ -111,7 +111,10 @@ tempfile.tempdir = sys.argv[1]
 from haptorb.runtime import shared_memory
 shared_memory.folders = lambda: [Path(sys.argv[1])]
 import haptorb
-with haptorb.Servo("omni", "nothing") as servo:
+from haptorb.serve.base import Serving, check_servers
+servo = haptorb.Servo("omni", "nothing")
+with Serving(check_servers(["osc:127.0.0.1:0"]), servo) as serving, servo:
+    serving.start()
     print(servo.servo_pid, servo._children.recorder_pid, flush=True)
     servo.run(100)
 """
@@ -127,7 +130,7 @@ def test_the_next_start_removes_what_all_processes_of_a_killed_one_left(folder: 
         for pid in [*children, process.pid]:
             os.kill(pid, signal.SIGKILL)
         process.wait()
-    assert len(list(folder.iterdir())) == 3
+    assert len(list(folder.iterdir())) == 4
     with Servo("omni", "nothing", record=False) as servo:
         assert servo.alive
         assert len(list(folder.iterdir())) == 2  # its own
