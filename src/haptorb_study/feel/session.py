@@ -69,7 +69,9 @@ class FeelSession:
         try:
             (self.folder / "traces").mkdir(parents=True, exist_ok=True)
         except OSError as cause:
-            raise RecordingError(f"{self.folder}: cannot be created ({cause.strerror})") from cause
+            raise RecordingError(
+                f"{self.folder}: cannot be created ({cause.strerror}); choose another folder with --session"
+            ) from cause
 
     def _check_designs(self) -> None:
         rated = {record.design for record in self._records()}
