@@ -90,7 +90,17 @@ BREAKS = (
     Break("A servo in an event loop", "pytest tests/runtime/servo/test_async.py", "async-stop-first"),
     Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
-    Break("A child process runs nothing", "pytest tests/test_child_process.py", "no-current-folder"),
+    *(
+        Break("A child process runs nothing", "pytest tests/test_child_process.py", change)
+        for change in (
+            "no-current-folder",
+            "isolated-child",
+            "folders-last",
+            "spawned-without-folder",
+            "no-local-numba-settings",
+            "no-local-matplotlibrc",
+        )
+    ),
     *(
         Break(
             "A server, recorder or servo",

@@ -177,6 +177,24 @@ RULES = [
         f"{IMPORT_TESTS}::test_a_spawned_worker_runs_nothing_from_the_current_folder",
     ),
     (
+        "no-local-numba-settings",
+        "numba takes no folder of compiled code from the current folder",
+        "drop",
+        f"{IMPORT_TESTS}::test_numba_reads_no_settings_from_the_current_folder",
+    ),
+    (
+        "no-local-matplotlibrc",
+        "Matplotlib reads no settings from the current folder",
+        "drop",
+        f"{IMPORT_TESTS}::test_matplotlib_reads_no_settings_from_the_current_folder",
+    ),
+    (
+        "no-local-lsl-settings",
+        "streams on the network are configured by no file of the current folder",
+        "never",
+        "tests/study/session/test_lsl_streams.py::test_the_network_is_configured_by_no_file_of_the_current_folder",
+    ),
+    (
         "stop-first",
         "every end of a run begins with coils off",
         "drop",

@@ -9,12 +9,14 @@ import subprocess
 import sys
 import venv
 from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 import numpy
 import pytest
 
 import haptorb
+from haptorb._numba_patches import ignore_local_settings, load_numba
 from haptorb.child_process import append_folders, environment, python_command, spawn_context
 
 SOURCES = Path(haptorb.__file__).resolve().parents[1]  #: `src`
@@ -136,6 +138,44 @@ def test_python_is_started_in_one_place() -> None:
                 assert name in apart, f"{name} starts Python by itself: use python_command"
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "get_context":
                 assert node.args[0].value != "spawn", f"{name}: use spawn_context"  # type: ignore[attr-defined]
+
+
+# --------------------------------------------------------------------------------------------------
+# Settings that libraries read from the current folder.
+
+
+def test_numba_reads_no_settings_from_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may name a folder of compiled code, which numba executes."""
+    load_numba()
+    monkeypatch.chdir(tmp_path)
+    Path(".numba_config.yaml").write_text(f"cache_dir: {tmp_path}\ndisable_jit: 1\n")
+    settings = import_module("numba.core.config")
+    monkeypatch.setattr(settings, "_config_fname", ".numba_config.yaml")  # as numba is when it has just been imported
+    settings.reload_config()
+    assert (str(tmp_path), 1) == (settings.CACHE_DIR, settings.DISABLE_JIT)
+    ignore_local_settings()  # as after the import
+    assert (settings.CACHE_DIR, settings.DISABLE_JIT) == ("", 0)
+    settings.reload_config()  # before every compilation
+    assert settings.CACHE_DIR == ""
+
+
+def test_matplotlib_reads_no_settings_from_the_current_folder(tmp_path: Path) -> None:
+    """With a pipe in their place it would wait for ever, with a file of this text start LaTeX."""
+    Path(tmp_path / "matplotlibrc").write_text("text.usetex: True\n")
+    program = (
+        "import os, contextlib\n"
+        "from haptorb.cli.program import main\n"
+        "with contextlib.suppress(SystemExit):\n"
+        "    main(['--version'])\n"
+        "import matplotlib\n"
+        "print(matplotlib.rcParams['text.usetex'], os.getcwd())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path,
+        env=environment(), timeout=60,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == f"False {tmp_path}", done.stderr
+    assert "matplotlibrc in the current folder is not read" in done.stderr
 
 
 OWN = "from mymodule import MyWorld\n"

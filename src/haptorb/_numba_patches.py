@@ -24,6 +24,7 @@ __all__ = [
     "call_own_copies",
     "compile_function",
     "find_version",
+    "ignore_local_settings",
     "is_patched",
     "load_numba",
     "omit_unused_code",
@@ -33,6 +34,7 @@ __all__ = [
 _CALLEES = "callees"  #: folder of the code of functions that other kernels call, in their file's folder
 NEWEST = (0, 68)  #: as in pyproject.toml
 _PLAIN = "HAPTORB_PLAIN_NUMBA"
+_TOLD = "HAPTORB_NUMBA_SETTINGS_TOLD"
 
 
 @cache
@@ -64,9 +66,12 @@ def find_version() -> str:
 def load_numba() -> Any:
     """Import numba and apply the patches if its version allows."""
     if not is_patched(find_version()):
-        return import_module("numba")
+        numba = import_module("numba")
+        ignore_local_settings()
+        return numba
     _silence_lock()
     numba = import_module("numba")
+    ignore_local_settings()
     _disable_gathers(numba)
     _limit_optimisation(numba)
     _postpone_linear_algebra()
@@ -75,6 +80,27 @@ def load_numba() -> Any:
     omit_unused_code(codegen)
     remember_call_types()
     return numba
+
+
+def ignore_local_settings() -> None:
+    """Read no `.numba_config.yaml` of the current folder.
+
+    It may name the folder with compiled code, which numba executes, and switch compilation off; numba looks for it when
+    it is imported and before each compilation. Environment variables NUMBA_... are the user's.
+    """
+    settings = import_module("numba.core.config")
+    name = getattr(settings, "_config_fname", "")
+    if not name:
+        return
+    # safety: no-local-numba-settings
+    settings._config_fname = ""
+    settings.reload_config()
+    if os.path.exists(name) and _TOLD not in os.environ:
+        os.environ[_TOLD] = "1"  # child processes do not print it again
+        print(
+            f"haptorb: {name} in the current folder is not read; set environment variables NUMBA_... instead",
+            file=sys.stderr,
+        )
 
 
 def compile_function(

@@ -1,21 +1,44 @@
-"""Figures that commands write: check of the path, and atomic writing."""
+"""Figures that commands write: check of the path, atomic writing, and Matplotlib without a stranger's settings."""
 
 from __future__ import annotations
 
+import os
+import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from haptorb.cache_folder import private_folder
 from haptorb.errors import InputError, quote
 from haptorb.files import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FORMATS", "check_figure_file", "write_figure"]
+__all__ = ["FORMATS", "check_figure_file", "ignore_local_settings", "write_figure"]
 
 #: supported formats, by file name extension
 FORMATS = (".png", ".svg", ".pdf")
+
+
+def ignore_local_settings() -> str:
+    """Keep Matplotlib from reading a `matplotlibrc` of the current folder; return a line that says so, "" without one.
+
+    Such a file may start LaTeX with a text of its own, and one that is a pipe stops the program. Matplotlib looks for
+    it when it is imported, before the account's settings: here it is imported from an empty folder. To be called while
+    the program has one thread, because all threads share the current folder.
+    """
+    name = "matplotlibrc"
+    if not os.path.lexists(name) or "matplotlib" in sys.modules:
+        return ""
+    here = os.getcwd()
+    try:
+        os.chdir(private_folder("empty"))  # safety: no-local-matplotlibrc
+        import_module("matplotlib")
+    finally:
+        os.chdir(here)
+    return f"{name} in the current folder is not read; put settings into the one that Matplotlib keeps for you"
 
 
 def check_figure_file(path: Path, option: str) -> Path:

@@ -11,6 +11,7 @@ The layer's clock is this computer's monotonic one, and so is the loop's: stamps
 from __future__ import annotations
 
 import json
+import os
 from time import monotonic
 from typing import TYPE_CHECKING, Any, final
 
@@ -61,6 +62,16 @@ class Streams:
         self._pose.push_chunk(samples, (rows[:, layout["wall"]][:, 0] + self._offset).tolist())
 
 
+def _ignore_local_settings() -> None:
+    """Keep the library from reading an `lsl_api.cfg` of the current folder, which could name whom streams are shown to.
+
+    It reads the file that LSLAPICFG names before all others.
+    """
+    if "LSLAPICFG" not in os.environ:  # safety: no-local-lsl-settings
+        own = (os.path.expanduser("~/lsl_api/lsl_api.cfg"), "/etc/lsl_api/lsl_api.cfg")  # as the library looks for them
+        os.environ["LSLAPICFG"] = next((file for file in own if os.path.isfile(file)), os.devnull)
+
+
 def open_streams(reach: str, rate: float = 1000.0) -> Streams:
     """Open both streams, visible on this "computer" only or on its "network".
 
@@ -77,6 +88,8 @@ def open_streams(reach: str, rate: float = 1000.0) -> Streams:
         ) from cause
     if reach == "computer":
         pylsl.set_config_content(THIS_COMPUTER)
+    else:
+        _ignore_local_settings()
     markers = pylsl.StreamInfo(MARKERS, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string, f"{MARKERS}-study")
     pose = pylsl.StreamInfo(POSE, "MoCap", len(_CHANNELS), rate, pylsl.cf_double64, f"{POSE}-study")
     channels = pose.desc().append_child("channels")

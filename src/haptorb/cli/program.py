@@ -34,6 +34,7 @@ from haptorb.cli import (
 )
 from haptorb.database_address import has_password, mask_password
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
+from haptorb.figure_file import ignore_local_settings
 from haptorb.files import describe_size_limit
 from haptorb.runtime.linux import Termination, raise_termination
 from haptorb.terminal import CommandLine, drop_output, echo, notify, open_output, use_ascii_fallback
@@ -177,6 +178,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with raise_termination(), report_damage():
             check_secrets(sys.argv[1:] if arguments is None else arguments)
+            if ignored := ignore_local_settings():
+                notify(f"haptorb: {ignored}")
             _command()(args=arguments)
     except HaptorbError as mistake:
         limit = describe_size_limit() if _is_file_too_large(mistake) else ""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+from time import monotonic
+from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -120,9 +124,27 @@ def test_without_the_library_nothing_is_started(monkeypatch: pytest.MonkeyPatch)
         open_streams("computer")
 
 
+@pytest.mark.parametrize("own", ["", "the_laboratory_s.cfg"])
+def test_the_network_is_configured_by_no_file_of_the_current_folder(
+    own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The library reads the file that LSLAPICFG names before all others, `lsl_api.cfg` of the current folder second."""
+    monkeypatch.setenv("LSLAPICFG", own)
+    if not own:
+        monkeypatch.delenv("LSLAPICFG")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    library = SimpleNamespace(StreamInfo=mock.MagicMock(), StreamOutlet=mock.MagicMock(), local_clock=monotonic)
+    for name in ("IRREGULAR_RATE", "cf_string", "cf_double64"):
+        setattr(library, name, 0)
+    monkeypatch.setitem(sys.modules, "pylsl", library)
+    open_streams("network")
+    assert os.environ["LSLAPICFG"] == (own or os.devnull)
+
+
 #: its own process: the library reads its configuration once
 INLET = """
 import json
+import os
 import numpy as np
 import pylsl
 from haptorb_study.lsl_streams import MARKERS, POSE, open_streams
