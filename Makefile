@@ -45,6 +45,7 @@ nightly: $(VENV)/.test
 	@$(BIN)/python tests/fuzz/hostile_files.py --mutants 0 --commands 10000
 	@$(BIN)/python benchmarks/safety/stiff_walls.py --long
 	@$(BIN)/python benchmarks/safety/study_kill.py --kills 200
+	@$(BIN)/python benchmarks/safety/memory_limit.py
 	@$(BIN)/python benchmarks/study/study_merge.py
 	@$(BIN)/python benchmarks/safety/soak.py
 
