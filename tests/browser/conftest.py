@@ -30,10 +30,10 @@ from haptorb.worlds.base import values
 from oracles.fork_server import get_fork_server
 
 DESK = {"width": 1280, "height": 800}
-#: a page draws in every second frame only: drawn without a graphics processor, it takes most of a test's processor time
-HALF_RATE = """{
+#: a page draws in every fourth frame only: drawn without a graphics processor, it takes most of a test's processor time
+QUARTER_RATE = """{
   const ask = requestAnimationFrame.bind(window);
-  window.requestAnimationFrame = (draw) => ask(() => ask(draw));
+  window.requestAnimationFrame = (draw) => ask(() => ask(() => ask(() => ask(draw))));
 }"""
 
 
@@ -66,10 +66,12 @@ class HostGone(Exception):
 class Screen:
     """A page of the console, and what a test wants to know of it; `runs`: whether a program is still behind it."""
 
-    def __init__(self, page: Any, url: str, runs: Callable[[], bool] = lambda: True, *, half_rate: bool = True) -> None:
+    def __init__(
+        self, page: Any, url: str, runs: Callable[[], bool] = lambda: True, *, every_frame: bool = False
+    ) -> None:
         self.page = page
-        if half_rate:
-            page.add_init_script(HALF_RATE)
+        if not every_frame:
+            page.add_init_script(QUARTER_RATE)
         address, _, self.token = url.partition("#")
         self.url = address.partition("?")[0]
         self.requests: list[str] = []
@@ -303,11 +305,11 @@ def staged(browser: Any, fake: Any, painting: ForceMapProcess) -> Iterator[Any]:
 
         def show(width: int = 1280, height: int = 800, **options: Any) -> Screen:
             query, context = options.pop("query", ""), options.pop("context", None)
-            half_rate = options.pop("half_rate", True)
+            every_frame = options.pop("every_frame", False)
             url = f"{console.origin}/{query}#{console.token}"
             size = {"width": width, "height": height}
             pages.append(context.new_page() if context else browser.new_page(viewport=size, **options))
-            return Screen(pages[-1], url, half_rate=half_rate)
+            return Screen(pages[-1], url, every_frame=every_frame)
 
         show.console = console  # type: ignore[attr-defined]
         yield show

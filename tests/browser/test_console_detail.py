@@ -68,7 +68,7 @@ def view_pixels(screen) -> np.ndarray:
 def test_late_frames_lower_the_level_and_brisk_ones_raise_it(staged, browser):
     context = browser.new_context(viewport={"width": 600, "height": 640})
     context.add_init_script(PACED)
-    screen = staged(context=context, half_rate=False)
+    screen = staged(context=context, every_frame=True)
     screen.until("haptorb.status === 'running'")
     best = screen.tell("haptorb.level")
     assert best in ("full", "layered")  # as this machine has a graphics processor or not
@@ -97,7 +97,7 @@ def test_what_was_tried_and_failed_is_not_tried_again_soon(find_levels):
 
 
 def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
-    screen = staged(query="?detail=layered", half_rate=False)
+    screen = staged(query="?detail=layered", every_frame=True)
     screen.until("haptorb.status === 'running' && haptorb.forceAt([0, 0, 1]).force !== 0")
     move_until(screen, fake, "haptorb.kept > 0")
     kept, drawn = screen.tell("[haptorb.kept, haptorb.drawn]")
@@ -121,7 +121,7 @@ def test_what_stands_still_is_kept_while_the_stylus_moves(staged, fake):
 def test_drawn_in_layers_it_is_the_same_picture(staged, fake):
     pictures = []
     for level in ("full", "layered"):
-        screen = staged(query=f"?detail={level}", half_rate=False)
+        screen = staged(query=f"?detail={level}", every_frame=True)
         screen.until("haptorb.status === 'running' && haptorb.forceAt([0, 0, 1]).force !== 0")
         if level == "layered":
             move_until(screen, fake, "haptorb.kept > 0")

@@ -46,7 +46,7 @@ def _wait(page: Any, expression: str, seconds: float = 60.0) -> Any:
 
 def test_all_coils_are_drawn_and_the_tool_follows_the_keys(url: str, browser: Any, kit: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 800})
-    page.add_init_script(kit.HALF_RATE)
+    page.add_init_script(kit.QUARTER_RATE)
     troubles: list[str] = []
     page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
     page.goto(url)

@@ -103,7 +103,7 @@ def serve_chooser(**where: Any) -> Iterator[Chooser]:
 @pytest.fixture
 def page(browser: Any, chooser: Chooser, kit: Any) -> Iterator[Any]:
     page = browser.new_page(viewport={"width": 1440, "height": 900})
-    page.add_init_script(kit.HALF_RATE)
+    page.add_init_script(kit.QUARTER_RATE)
     troubles: list[str] = []
     page.on("pageerror", lambda mistake: troubles.append(str(mistake)))
     page.goto(chooser.url, timeout=60_000)
