@@ -14,6 +14,7 @@ from haptorb.errors import GeometryError, InputError, PrecisionError
 from haptorb.magnetics.core_attraction import PassivePull
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
+from oracles.repetitions import repetitions
 
 OMNI = {
     "core_radius": 15e-3,
@@ -46,7 +47,7 @@ def series(p, axis, sphere=CORE):
     return np.concatenate([forces.sum(axis=0), np.cross(points - p, forces).sum(axis=0)])
 
 
-@settings(max_examples=40)
+@settings(max_examples=repetitions(13, 40))
 @given(ways, st.floats(0.033, 0.2), ways)
 def test_the_table_is_the_series(way, distance, axis):
     error = tabulate().wrench(way * distance, axis) - series(way * distance, axis)

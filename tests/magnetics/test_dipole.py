@@ -10,6 +10,7 @@ from haptorb.devices.base import State
 from haptorb.devices.loader import load
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.magnetics import dipole
+from oracles.repetitions import repetitions
 
 number = st.floats(-3, 3, allow_nan=False)
 moments = arrays(float, 3, elements=number)
@@ -28,7 +29,7 @@ def slope(function, at, step=1e-4):
     return np.array(columns).T
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=repetitions(20, 60), deadline=None)
 @given(moments, moments, places)
 def test_force_is_the_printed_pair_formula(m1, m2, r):
     d = np.linalg.norm(r)
@@ -42,7 +43,7 @@ def test_force_is_the_printed_pair_formula(m1, m2, r):
     assert np.allclose(dipole.force(m1, m2, r), printed, rtol=1e-10, atol=1e-16)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=repetitions(20, 60), deadline=None)
 @given(moments, moments, places)
 def test_third_law_and_no_free_spin(m1, m2, r):
     there, back = dipole.force(m1, m2, r), dipole.force(m2, m1, -r)

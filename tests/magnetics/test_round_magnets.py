@@ -11,6 +11,7 @@ from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics import dipole
 from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
 from haptorb.magnetics.source import RoundBody
+from oracles.repetitions import repetitions
 
 MAGNET = CylinderMagnet(15.875e-3, 5.08e-3, 1.31)
 RING = RingMagnet(outer_radius=6e-3, inner_radius=2.5e-3, length=24e-3, polarization=1.348)
@@ -147,7 +148,7 @@ def test_series_takes_over_from_closed_form_without_a_step(body):
         assert np.abs(below - above).max() < 1e-11 * np.abs(above).max()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=repetitions(16, 50), deadline=None)
 @given(st.floats(1e-4, 1.0), st.floats(1e-4, 1.0), st.floats(-2, 2).filter(lambda j: abs(j) > 1e-3))
 def test_size_only_scales(radius, length, polarization):
     """The field depends on ratios of lengths only, and is proportional to the polarization."""

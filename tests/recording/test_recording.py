@@ -19,6 +19,7 @@ from haptorb.errors import RecordingError, UnknownName
 from haptorb.recording import destination
 from haptorb.recording.mcap import Recorder, fields_of, schema
 from haptorb.recording.row import RowLayout
+from oracles.repetitions import repetitions
 
 LAYOUT = RowLayout(channels=3, sensors=9)
 RATE = 1000.0
@@ -102,7 +103,7 @@ def test_other_tools_read_it(whole: Path) -> None:
 
 
 @given(share=st.floats(0.0, 1.0))
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=repetitions(50, 150), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_cut_at_any_byte(whole: Path, tmp_path: Path, share: float) -> None:
     data, rows = whole.read_bytes(), _rows(400)
     keep = int(share * len(data))
@@ -123,7 +124,7 @@ def test_cut_at_any_byte(whole: Path, tmp_path: Path, share: float) -> None:
 
 
 @given(at=st.integers(8, 100_000), bit=st.integers(0, 7))
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=repetitions(50, 150), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_damaged_anywhere(whole: Path, tmp_path: Path, at: int, bit: int) -> None:
     """A flipped bit costs the rows of one chunk at most, and is named; the rows that are read are as written."""
     data, rows = bytearray(whole.read_bytes()), _rows(400)

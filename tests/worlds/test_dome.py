@@ -12,6 +12,7 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.worlds import CATALOGUE, Dome, Nothing, World, find_world
 from haptorb.worlds.base import parameters
+from oracles.repetitions import repetitions
 
 MU0 = 4e-7 * np.pi
 angles = st.floats(0.0, np.pi)
@@ -51,7 +52,7 @@ def paper_moment(rp, force, m_p):
     return to_tool.T @ (4 * np.pi * d**4 / (3 * MU0 * m_p) * np.array([1, 1, -0.5]) * (to_tool @ force))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=repetitions(100, 300), deadline=None)
 @given(
     alpha=angles,
     azimuth=turns,

@@ -11,6 +11,7 @@ from haptorb.control.allocation import MinimumPowerAllocator
 from haptorb.control.minimum_power import NOT_FINITE, minimum_power_currents, solve_bounded_power
 from haptorb.devices.base import WrenchMap
 from haptorb.errors import InputError, UnknownName
+from oracles.repetitions import repetitions
 
 KINDS = ("plain", "ill-conditioned", "degenerate", "parallel", "limits-decades-apart", "resistances-apart")
 EQUALITY = 5
@@ -180,7 +181,7 @@ def test_equation_4_refuses_what_it_cannot_invert():
     np.where(np.arange(12) == 6, 1e-6, 1.0),
     False,
 )
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=repetitions(133, 400), deadline=None)
 def test_whatever_comes_in_limits_hold_and_the_torque_never_misses_by_more_than_itself(K, T, limit, nearest):
     currents = np.empty(12)
     status, scale = solve_bounded_power(K, T, limit, np.ones(12), nearest, currents)

@@ -13,6 +13,7 @@ from haptorb.devices.base import State
 from haptorb.devices.feasible_wrench import feasible_wrench
 from haptorb.devices.loader import load
 from haptorb.errors import GeometryError
+from oracles.repetitions import repetitions
 
 OMNI = load("omni")
 STRONG = replace(OMNI, supply=replace(OMNI.supply, power=np.inf))
@@ -28,7 +29,7 @@ def pose(a, b, distance, c, d):
 poses = st.builds(pose, angle, angle, st.floats(0.05, 0.07), angle, angle)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=repetitions(13, 40), deadline=None)
 @given(poses, st.integers(0, 1000))
 def test_every_wrench_within_the_currents_lies_inside(state, seed):
     able, known = feasible_wrench(STRONG, state), OMNI.wrench_map(state, "exact")
@@ -46,7 +47,7 @@ def test_every_wrench_within_the_currents_lies_inside(state, seed):
     assert (flat.equations[:, :2] @ (wrenches[:, 3:] @ plane.T).T + flat.equations[:, 2:]).max() < 1e-9
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=repetitions(13, 40), deadline=None)
 @given(poses, st.integers(0, 1000))
 def test_the_guaranteed_force_is_given_everywhere_and_no_more(state, seed):
     device = OMNI if seed % 2 else STRONG

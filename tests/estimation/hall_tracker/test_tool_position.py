@@ -25,6 +25,7 @@ from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.estimation.types import Pose, Sample
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
+from oracles.repetitions import repetitions
 
 OMNI = without_errors(load("omni"))  # sensors with noise and steps only
 NO_POSE = Pose(0.0, np.eye(3), np.full(3, np.nan), np.zeros(3), np.zeros(3), False)
@@ -88,7 +89,7 @@ def test_the_wanted_accuracy_at_any_tilt(currents, most):
     assert turned < 2.0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=repetitions(13, 40), deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([np.zeros(3), FULL]))
 def test_without_noise_it_is_found_from_nothing(seed, currents):
     ((p, axis),) = places(1, seed)

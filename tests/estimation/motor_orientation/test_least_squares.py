@@ -14,6 +14,7 @@ from haptorb.errors import InputError
 from haptorb.estimation.motor_orientation import LeastSquaresOrientation, nearest_branch, spin_period
 from haptorb.estimation.types import Pose, Sample
 from haptorb.rotations import rotation_from_euler
+from oracles.repetitions import repetitions
 
 TILT = np.radians(22.5)
 NOBODY = Pose(0.0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), False)
@@ -71,7 +72,7 @@ def relative_error(motor, estimate, R, strength=1.0):
 tilts = st.floats(-TILT, TILT)
 
 
-@settings(max_examples=60)
+@settings(max_examples=repetitions(20, 60))
 @given(psi=tilts, lam=tilts, phi=st.floats(-np.pi, np.pi), amperes=st.floats(-1, 1), strength=st.floats(0.9, 1.1))
 def test_without_noise_it_is_exact_whatever_flows_and_however_strong_the_magnets(
     pmsm, shared, psi, lam, phi, amperes, strength

@@ -12,6 +12,7 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 
 from haptorb.errors import InputError
 from haptorb.runtime.trackers.osc_feed import read_packet
+from oracles.repetitions import repetitions
 
 
 def make_message(address: str, *values: object):
@@ -54,7 +55,7 @@ def test_deep_bundles_are_refused() -> None:
         read_packet(packet.dgram)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=repetitions(50, 150), deadline=None)
 @given(
     st.binary(max_size=200),
     st.sampled_from([b"", b"/", b"#bundle\0" + bytes(8), b"/a\0\0,s\0\0", b"/a\0\0,fff\0\0\0\0"]),

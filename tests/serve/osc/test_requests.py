@@ -18,6 +18,7 @@ from haptorb.serve.osc import (
     Unsubscribe,
     parse_request,
 )
+from oracles.repetitions import repetitions
 
 
 @pytest.mark.parametrize(
@@ -77,7 +78,7 @@ def test_an_unknown_address_is_answered_with_the_nearest() -> None:
         parse_request("/haptorb/subscribed", [])
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=repetitions(33, 100), deadline=None)
 @given(
     st.sampled_from(
         ["/haptorb/force", "/haptorb/wrench", "/haptorb/parameter/x", "/haptorb/subscribe", "/haptorb/world"]
