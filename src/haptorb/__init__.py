@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from haptorb.earlier_names import EARLIER, get_earlier, install_finder
 from haptorb.lazy_names import lazy_names
 from haptorb.version import __version__ as __version__
 
@@ -115,14 +116,8 @@ _get, __dir__ = lazy_names(
     },
 )
 
-#: earlier public name → today's
-_EARLIER = {"felt_map": "force_map"}
+install_finder()
 
 
 def __getattr__(name: str) -> object:
-    if name in _EARLIER:
-        from warnings import warn
-
-        warn(f"haptorb.{name} is now called haptorb.{_EARLIER[name]}", DeprecationWarning, stacklevel=2)
-        name = _EARLIER[name]
-    return _get(name)
+    return get_earlier(__name__, name) if f"{__name__}:{name}" in EARLIER else _get(name)

@@ -7,12 +7,14 @@ import os
 import subprocess
 import sys
 import zipfile
-from importlib.metadata import requires
+from importlib.metadata import EntryPoint, requires
 from pathlib import Path
 
 import pytest
 
-from haptorb.cli import main
+from haptorb.cli import main, program
+from haptorb.errors import InputError
+from haptorb.terminal import CommandLine
 
 #: modules that only the extras `study` and `design` install
 OF_EXTRAS = ("sqlalchemy", "pyarrow", "psycopg", "pylsl", "tomli_w", "threadpoolctl", "pymoo")
@@ -23,9 +25,7 @@ def register(app):
     @app.command("made-up")
     def made_up() -> None:
         """Say what a package of somebody else says."""
-        from haptorb.terminal import echo
-
-        echo("made up")
+        print("made up")
 '''
 OWN = '''
 import numpy as np
@@ -59,9 +59,10 @@ def install(folder: Path, entry_points: str, **modules: str) -> None:
 
 def haptorb(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The command in a new process that finds modules in `folder` first."""
+    places = os.pathsep.join(filter(None, (str(folder), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
         [sys.executable, "-P", "-m", "haptorb", *words],
-        env={**os.environ, "PYTHONPATH": str(folder), "COLUMNS": "80"},
+        env={**os.environ, "PYTHONPATH": places, "COLUMNS": "80"},
         cwd=folder,
         capture_output=True,
         text=True,
@@ -70,16 +71,43 @@ def haptorb(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_command_of_another_package_is_listed_and_runs(tmp_path: Path) -> None:
-    entry_points = "[haptorb.commands]\nmade-up = made_up\nbroken = made_up_too\n"
-    install(tmp_path, entry_points, made_up=MADE_UP, made_up_too="import nowhere_to_be_found\n")
+    entry_points = "[haptorb.commands]\nmade-up = made_up\nbroken = made_up_too\nold = made_up_old\n"
+    outdated = "import haptorb\nhaptorb.nonsense\n"
+    install(tmp_path, entry_points, made_up=MADE_UP, made_up_too="import nowhere_to_be_found\n", made_up_old=outdated)
     listed = haptorb(tmp_path, "--help")
     assert listed.returncode == 0
     assert "Say what a package of somebody else says." in " ".join(listed.stdout.split())
-    assert haptorb(tmp_path, "made-up").stdout == "made up\n"
-    broken = haptorb(tmp_path, "broken", "--anything")
+    made_up = haptorb(tmp_path, "made-up")
+    assert (made_up.stdout, made_up.stderr) == ("made up\n", "")
+    lines = {
+        "broken": "haptorb: `haptorb broken`, of the package made_up_too, cannot be loaded: ModuleNotFoundError: No "
+        "module named 'nowhere_to_be_found'",
+        "old": "haptorb: `haptorb old`, of the package made_up_old, cannot be loaded: AttributeError: module 'haptorb' "
+        "has no attribute 'nonsense'",
+    }
+    broken = haptorb(tmp_path, "old", "--anything")
     assert broken.returncode == 2
-    assert "Traceback" not in broken.stderr
-    assert "nowhere_to_be_found" in broken.stderr
+    assert [" ".join(text.split()) for text in (broken.stderr, listed.stderr)] == [
+        lines["old"], " ".join(lines.values())
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("cause", [ImportError("an earlier name"), SyntaxError("invalid\n\x1b[2J"), SystemExit(3)])
+def test_whatever_a_package_of_somebody_else_raises_is_one_line(
+    cause: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(program, "_broken", [])
+    app = CommandLine()
+    monkeypatch.setattr(program, "app", app)
+    program._register_broken(EntryPoint("theirs", "made_up.commands", "haptorb.commands"), cause)
+    (command,) = app.registered_commands
+    assert (command.name, command.hidden) == ("theirs", True)
+    assert command.callback is not None
+    with pytest.raises(InputError, match="`haptorb theirs`, of the package made_up, cannot be loaded") as found:
+        command.callback()
+    assert type(cause).__name__ in str(found.value)
+    assert str(found.value).isprintable()
+    assert program._broken == [str(found.value)]
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def test_a_recording_of_that_time_has_todays_names_and_its_own() -> None:
     assert {"wrench_commanded", "wrench_actual", "current_measured", "duty_applied", "hand_goal"} <= names
     for earlier, now in EARLIER_NAMES.items():
         if now in names:
-            with pytest.warns(DeprecationWarning, match=f"'{earlier}' is now called '{now}'"):
+            with pytest.warns(FutureWarning, match=f"'{earlier}' is now called '{now}'"):
                 found = recording[earlier]
             np.testing.assert_array_equal(found, recording[now])
 
@@ -42,10 +42,10 @@ def test_a_recording_of_that_time_has_todays_names_and_its_own() -> None:
 @pytest.mark.filterwarnings("ignore::haptorb.RecordingWarning")
 def test_exports_and_ranges_accept_them(tmp_path: Path) -> None:
     recording = Recording(next(iter(sorted(OLDER.glob("omni*.mcap")))))
-    with pytest.warns(DeprecationWarning, match="wrench_commanded"):
+    with pytest.warns(FutureWarning, match="wrench_commanded"):
         Export.of(recording, "csv", ["t", "asked"]).write(tmp_path / "csv")
     assert (tmp_path / "csv").read_text(encoding="utf-8").startswith("t [s],wrench_commanded[0] [N],")
-    with pytest.warns(DeprecationWarning, match="duty_applied"):
+    with pytest.warns(FutureWarning, match="duty_applied"):
         assert recording.read(0, 2, ["duties"]).shape == (min(2, len(recording)), 3)
 
 
@@ -53,9 +53,9 @@ def test_a_row_and_its_layout_accept_them() -> None:
     layout = RowLayout(channels=3, sensors=0)
     row = LatestRow(layout, np.arange(float(layout.width)))
     for earlier, now in EARLIER_NAMES.items():
-        with pytest.warns(DeprecationWarning, match=now):
+        with pytest.warns(FutureWarning, match=now):
             assert layout[earlier] == layout[now]
-        with pytest.warns(DeprecationWarning, match=now):
+        with pytest.warns(FutureWarning, match=now):
             assert np.array_equal(getattr(row, earlier), row[now])
     with pytest.raises(KeyError):
         layout["askd"]

@@ -33,9 +33,10 @@ from haptorb.cli import (
     view,
 )
 from haptorb.database_address import has_password, mask_password
+from haptorb.earlier_names import EarlierNameWarning
 from haptorb.errors import HaptorbError, InputError, RecordingWarning
 from haptorb.figure_file import ignore_local_settings
-from haptorb.files import describe_size_limit
+from haptorb.files import describe_size_limit, visible
 from haptorb.runtime.linux import Termination, raise_termination
 from haptorb.terminal import CommandLine, drop_output, echo, notify, open_output, use_ascii_fallback
 from haptorb.version import __version__
@@ -87,10 +88,17 @@ def explain_missing(command: str, missing: ModuleNotFoundError) -> str:
     return ""
 
 
-def _register_missing(point: EntryPoint, missing: ModuleNotFoundError) -> None:
-    """Register a stub command that reports the missing module; other packages' commands stay available."""
+_broken: list[str] = []  #: why each command that no extra would add cannot be loaded; shown with the list of commands
+
+
+def _register_broken(point: EntryPoint, cause: BaseException) -> None:
+    """Register a stub command that reports `cause`, of importing its package; all other commands stay available."""
     package = point.module.partition(".")[0]
-    why = explain_missing(point.name, missing) or f"`haptorb {point.name}`, of {package}, cannot be loaded: {missing}"
+    why = explain_missing(point.name, cause) if isinstance(cause, ModuleNotFoundError) else ""
+    if not why:
+        text = " ".join(f"{type(cause).__name__}: {cause}".split())
+        why = f"`haptorb {point.name}`, of the package {package}, cannot be loaded: {visible(text)}"
+        _broken.append(why)
 
     @app.command(point.name, hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
     def explain() -> None:
@@ -116,8 +124,8 @@ for module in (
 for point in entry_points(group="haptorb.commands"):
     try:
         point.load().register(app)
-    except ModuleNotFoundError as missing:
-        _register_missing(point, missing)
+    except (Exception, SystemExit) as cause:  # of a stranger's module
+        _register_broken(point, cause)
 
 
 @cache
@@ -127,19 +135,19 @@ def _command() -> Callable[..., Any]:
 
 
 @contextmanager
-def report_damage() -> Iterator[None]:
-    """Report missing parts on standard error whenever a command opens a damaged recording."""
+def report_remarks() -> Iterator[None]:
+    """Report in one line on standard error what is missing in a recording, and a name of version 0.1."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", RecordingWarning)
         show = warnings.showwarning
 
-        def show_damage(message: Warning | str, category: type[Warning], *others: Any, **more: Any) -> None:
-            if issubclass(category, RecordingWarning):
+        def show_remark(message: Warning | str, category: type[Warning], *others: Any, **more: Any) -> None:
+            if issubclass(category, RecordingWarning | EarlierNameWarning):
                 notify(str(message))
             else:
                 show(message, category, *others, **more)
 
-        warnings.showwarning = show_damage
+        warnings.showwarning = show_remark
         yield
 
 
@@ -176,8 +184,12 @@ def main(arguments: list[str] | None = None) -> int:
     open_output()
     use_ascii_fallback()
     try:
-        with raise_termination(), report_damage():
-            check_secrets(sys.argv[1:] if arguments is None else arguments)
+        words = sys.argv[1:] if arguments is None else arguments
+        with raise_termination(), report_remarks():
+            check_secrets(words)
+            if not words or words[0] in ("-h", "--help"):
+                for why in _broken:
+                    notify(f"haptorb: {why}")
             if ignored := ignore_local_settings():
                 notify(f"haptorb: {ignored}")
             _command()(args=arguments)
@@ -187,8 +199,8 @@ def main(arguments: list[str] | None = None) -> int:
         notify(f"haptorb: {mistake.command_message}" + ("" if already else f"; {limit}"))
         return 2
     except ModuleNotFoundError as missing:
-        words = [word for word in (sys.argv[1:] if arguments is None else arguments) if not word.startswith("-")]
-        if not (why := explain_missing(words[0] if words else "", missing)):
+        named = [word for word in words if not word.startswith("-")]
+        if not (why := explain_missing(named[0] if named else "", missing)):
             raise
         notify(f"haptorb: {why}")
         return 2

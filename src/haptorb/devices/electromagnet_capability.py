@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from warnings import warn
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from haptorb.devices.base import (
     endurance,
 )
 from haptorb.devices.electromagnet import FORCE_JND, SphericalElectromagnet
+from haptorb.earlier_names import warn_earlier
 
 __all__ = ["Layer", "ShellCapability", "shell_capability"]
 
@@ -46,7 +46,7 @@ class Layer:
         now = name.replace("lasting_", "continuous_", 1)
         if now == name or now not in type(self).__annotations__:
             raise AttributeError(f"'Layer' has no attribute '{name}'")
-        warn(f"Layer.{name} is now called Layer.{now}", DeprecationWarning, stacklevel=2)
+        warn_earlier(f"Layer.{name} is now called Layer.{now}")
         return float(getattr(self, now))
 
     @property

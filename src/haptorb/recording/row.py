@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from types import MappingProxyType
 from typing import Any, final
-from warnings import warn
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -22,6 +21,7 @@ from haptorb.arrays import Array, Records
 from haptorb.control.trip_reasons import CoilState, GuardState, Trip
 from haptorb.devices.base import Device
 from haptorb.display import facts_html, format_number, format_quantity, format_vector
+from haptorb.earlier_names import warn_earlier
 from haptorb.errors import UnknownName
 
 __all__ = ["EARLIER_NAMES", "MEMORY_ROOM", "STAGES", "Field", "FieldColumn", "LatestRow", "RowLayout", "resolve_name"]
@@ -45,8 +45,8 @@ EARLIER_NAMES: Mapping[str, str] = MappingProxyType(
 )  # fmt: skip
 
 
-def resolve_name(name: str, stacklevel: int = 3) -> str:
-    """Return the present name of the field `name`; emit a DeprecationWarning for one of `EARLIER_NAMES`.
+def resolve_name(name: str) -> str:
+    """Return the present name of the field `name`, with a remark if it is one of `EARLIER_NAMES`.
 
     >>> resolve_name("p")
     'p'
@@ -54,7 +54,7 @@ def resolve_name(name: str, stacklevel: int = 3) -> str:
     now = EARLIER_NAMES.get(name)
     if now is None:
         return name
-    warn(f"the field '{name}' is now called '{now}'", DeprecationWarning, stacklevel=stacklevel)
+    warn_earlier(f"the field '{name}' is now called '{now}'")
     return now
 
 

@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import final
-from warnings import warn
 
 from numpy.typing import ArrayLike
 
 from haptorb.devices.base import MAX_DISTANCE_M
+from haptorb.earlier_names import warn_earlier
 from haptorb.errors import InputError
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import raise_priority
@@ -163,7 +163,7 @@ class HandCommands:
         """
         place, turn = self._check_pose(p, q)
         if patience is not None:
-            warn("point(patience=...) is now point(keep_alive=...)", DeprecationWarning, stacklevel=2)
+            warn_earlier("point(patience=...) is now point(keep_alive=...)")
             keep_alive = patience
         if not 0.0 <= keep_alive <= _MAX_KEEP_ALIVE_S:
             raise InputError(f"keep_alive must be between 0 and {_MAX_KEEP_ALIVE_S:g} s; got {keep_alive:g}")

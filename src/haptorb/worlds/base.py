@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar, Final, Literal, Self, cast
-from warnings import warn
 
 import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.devices.base import Device, State
 from haptorb.display import Presentable, format_number, table_html
+from haptorb.earlier_names import warn_earlier
 from haptorb.errors import InputError, UnknownName, quote
 
 __all__ = [
@@ -283,7 +283,7 @@ class World(Presentable, ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "needs_target" in cls.__dict__:
-            warn(f"{cls.__name__}: a world's `needs_target` is now called `needs_object`", FutureWarning, stacklevel=3)
+            warn_earlier(f"{cls.__name__}: a world's `needs_target` is now called `needs_object`")
             cls.needs_object = cls.__dict__["needs_target"]
 
     def __post_init__(self) -> None:

@@ -24,6 +24,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.devices.base import Device, State
+from haptorb.earlier_names import find_module
 from haptorb.errors import HaptorbError, InputError, UnknownName, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import open_regular, read_bytes, read_text, state_folder
@@ -540,71 +541,6 @@ def _is_own(facts: os.stat_result) -> bool:
 MAX_NOTE_CHARACTERS = 1_000_000  #: of the text of a world
 _MAX_OBJECTS = 200  #: worlds and paths in it, those in sums included
 _ROOM = "haptorb.worlds."
-#: module of a world in older recordings, or that and its name → present module
-_EARLIER_MODULES = {
-    "haptorb.worlds.basic.detents": "haptorb.worlds.basic",
-    "haptorb.worlds.basic.fluid": "haptorb.worlds.fluid",
-    "haptorb.worlds.basic.guidance": "haptorb.worlds.guidance",
-    "haptorb.worlds.basic.magnet": "haptorb.worlds.basic",
-    "haptorb.worlds.basic.nothing": "haptorb.worlds.basic",
-    "haptorb.worlds.basic.stick_slip": "haptorb.worlds.friction",
-    "haptorb.worlds.basic.texture": "haptorb.worlds.basic",
-    "haptorb.worlds.basic.vibration": "haptorb.worlds.basic",
-    "haptorb.worlds.basic.wall": "haptorb.worlds.basic",
-    "haptorb.worlds.bound_world": "haptorb.worlds.dynamic",
-    "haptorb.worlds.contact_world": "haptorb.worlds.base",
-    "haptorb.worlds.dynamic.ball": "haptorb.worlds.ball",
-    "haptorb.worlds.dynamic.button": "haptorb.worlds.button",
-    "haptorb.worlds.dynamic.friction": "haptorb.worlds.friction",
-    "haptorb.worlds.dynamic.remote": "haptorb.worlds.client_force",
-    "haptorb.worlds.dynamic.remote_sum": "haptorb.worlds.client_force",
-    "haptorb.worlds.dynamic.stirred_fluid": "haptorb.worlds.fluid",
-    "haptorb.worlds.dynamic:Remote": "haptorb.worlds.client_force",
-    "haptorb.worlds.dynamic_world": "haptorb.worlds.dynamic",
-    "haptorb.worlds.maps.changing": "haptorb.worlds.moving",
-    "haptorb.worlds.maps.compass": "haptorb.worlds.dome",
-    "haptorb.worlds.maps.dome": "haptorb.worlds.dome",
-    "haptorb.worlds.maps.domes": "haptorb.worlds.dome",
-    "haptorb.worlds.maps.terrain": "haptorb.worlds.terrain",
-    "haptorb.worlds.memory": "haptorb.worlds.dynamic",
-    "haptorb.worlds.own.failure": "haptorb.worlds.user_world",
-    "haptorb.worlds.own.file_with_remote": "haptorb.worlds.user_world",
-    "haptorb.worlds.own.function_world": "haptorb.worlds.user_world",
-    "haptorb.worlds.own.started_code": "haptorb.worlds.user_world",
-    "haptorb.worlds.own.world_file": "haptorb.worlds.user_world",
-    "haptorb.worlds.own.world_note": "haptorb.worlds.user_world",
-    "haptorb.worlds.parameter": "haptorb.worlds.base",
-    "haptorb.worlds.path_guidance.box_solver": "haptorb.worlds.path_guidance",
-    "haptorb.worlds.path_guidance.contouring": "haptorb.worlds.path_guidance",
-    "haptorb.worlds.path_guidance.controller_state": "haptorb.worlds.path_guidance",
-    "haptorb.worlds.path_guidance.guidance_path": "haptorb.worlds.path",
-    "haptorb.worlds.path_guidance.path_checks": "haptorb.worlds.path",
-    "haptorb.worlds.path_guidance.path_drawing": "haptorb.worlds.path",
-    "haptorb.worlds.path_guidance.path_file": "haptorb.worlds.path",
-    "haptorb.worlds.path_guidance.path_guidance": "haptorb.worlds.path_guidance",
-    "haptorb.worlds.path_guidance.path_search": "haptorb.worlds.path_guidance",
-    "haptorb.worlds.path_guidance.path_shapes": "haptorb.worlds.path",
-    "haptorb.worlds.scene.background_step": "haptorb.worlds.scene_physics",
-    "haptorb.worlds.scene.coupling": "haptorb.worlds.scene_physics",
-    "haptorb.worlds.scene.pace": "haptorb.worlds.scene_physics",
-    "haptorb.worlds.scene.scene": "haptorb.worlds.scene",
-    "haptorb.worlds.scene.scene_check": "haptorb.worlds.scene_check",
-    "haptorb.worlds.scene.scene_compiler": "haptorb.worlds.scene_compiler",
-    "haptorb.worlds.scene.scene_file": "haptorb.worlds.scene",
-    "haptorb.worlds.scene.scene_model": "haptorb.worlds.scene_physics",
-    "haptorb.worlds.scene.scene_shapes": "haptorb.worlds.scene",
-    "haptorb.worlds.scene.scene_work": "haptorb.worlds.scene",
-    "haptorb.worlds.scene.stepping": "haptorb.worlds.scene_physics",
-    "haptorb.worlds.shape": "haptorb.worlds.base",
-    "haptorb.worlds.snap_fit.hook_contact": "haptorb.worlds.snap_fit",
-    "haptorb.worlds.snap_fit.outlet": "haptorb.worlds.snap_fit",
-    "haptorb.worlds.snap_fit.published_outlet": "haptorb.worlds.snap_fit",
-    "haptorb.worlds.snap_fit.root_load": "haptorb.worlds.snap_fit",
-    "haptorb.worlds.snap_fit.sliding": "haptorb.worlds.snap_fit",
-    "haptorb.worlds.snap_fit.snap_fit": "haptorb.worlds.snap_fit",
-    "haptorb.worlds.world": "haptorb.worlds.base",
-    "haptorb.worlds.wrench_part": "haptorb.worlds.base",
-}
 _DEEPEST = 12
 _MAX_NOTED_NUMBER = 1e6  #: magnitude of a number that is not a parameter: lengths in m, moments in A·m²
 _MAX_FILE_BYTES = 16 << 20  #: of a world's or scene's own file
@@ -699,7 +635,7 @@ def _decode(value: Any, depth: int, objects: Iterator[int]) -> Any:
     if "scene" in value:
         return _load_scene(str(value["scene"]), str(value["digest"]))
     module, _, name = str(value["kind"]).partition(":")
-    module = _EARLIER_MODULES.get(f"{module}:{name}", _EARLIER_MODULES.get(module, module))
+    module = find_module(module, name)
     if not module.startswith(_ROOM):
         raise InputError(f"{quote(value['kind'])} is not a world of haptorb")
     kind = _list_noted_kinds().get(f"{module}:{name}")

@@ -67,7 +67,7 @@ def test_a_keep_alive_keeps_the_pose_fresh(servo: Servo, name: str) -> None:
         with pytest.raises(InputError, match="keep_alive"):
             servo.hand.point(HERE, keep_alive=wrong)
     cursor, _ = servo.rows()
-    with pytest.warns(DeprecationWarning, match="keep_alive") if name == "patience" else nullcontext():
+    with pytest.warns(FutureWarning, match="keep_alive") if name == "patience" else nullcontext():
         servo.hand.point(HERE, **{name: longer})
     _until(servo, lambda: _is_old(servo))
     _, rows = servo.rows(cursor)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Final, Self
-from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +13,7 @@ from haptorb.arrays import Array, vectors
 from haptorb.compiled import kernel
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device
+from haptorb.earlier_names import warn_earlier
 from haptorb.errors import DriverError, InputError
 from haptorb.estimation.types import Pose, Sample
 
@@ -67,7 +67,7 @@ class Driver(ABC):
         super().__init_subclass__()
         for earlier, now in _EARLIER_METHODS.items():
             if earlier in cls.__dict__ and now not in cls.__dict__:
-                warn(f"{cls.__name__}.{earlier}() is now called {now}()", FutureWarning, stacklevel=3)
+                warn_earlier(f"{cls.__name__}.{earlier}() is now called {now}()")
                 setattr(cls, now, cls.__dict__[earlier])
 
     @abstractmethod
