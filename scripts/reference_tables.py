@@ -72,7 +72,7 @@ def world_table() -> str:
         devices = " For devices that move an object (motors)." if world.needs_object else ""
         parts.append(
             f"## {name}\n\n{first} Declared {' and '.join(traits)}.{asks}{devices} "
-            f"Class `{world.__module__}.{world.__name__}`.\n"
+            f"Class `haptorb.worlds.{world.__name__}`.\n"
         )
         rows = [
             (f"`{p.name}`", p.default, f"{p.low:g} to {p.high:g}", p.unit, p.about) for p in parameters(world).values()

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +34,7 @@ from haptorb.database_address import mask_password, path_of
 from haptorb.errors import RecordingError
 from haptorb.file_kind import FileKind
 from haptorb.sql import BUSY_TIMEOUT_MS, ProgramLock, TableSet, explain_error, lock_database
+from haptorb_study.json_values import utc_now
 from haptorb_study.participant_codes import is_reserved
 from haptorb_study.stored_rows import check_rows
 from haptorb_study.study_file import Study
@@ -274,11 +274,6 @@ def try_begin(engine: Engine) -> Iterator[Connection]:
             if sqlite:
                 connection.rollback()
                 connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
-
-
-def utc_now() -> str:
-    """Time of day in UTC to the millisecond, as stored in the database."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 # --------------------------------------------------------------------------------------------------

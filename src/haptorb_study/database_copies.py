@@ -15,7 +15,8 @@ from sqlalchemy.engine import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.errors import InputError, RecordingError
-from haptorb_study.database import copies, database, utc_now
+from haptorb_study.database import copies, database
+from haptorb_study.json_values import utc_now
 
 __all__ = ["Copy", "back_up", "list_copies", "record_copy"]
 

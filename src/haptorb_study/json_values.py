@@ -1,11 +1,12 @@
-"""Conversion of results to plain JSON types, in which NaN and infinity are null."""
+"""Values of results and records as plain JSON types, in which NaN and infinity are null; the time of a record."""
 
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from typing import Any
 
-__all__ = ["json_number", "to_json"]
+__all__ = ["json_number", "to_json", "utc_now"]
 
 
 def json_number(value: float) -> float | None:
@@ -28,3 +29,8 @@ def to_json(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [to_json(part) for part in value]
     return json_number(value) if isinstance(value, float) else value
+
+
+def utc_now() -> str:
+    """Time of day in UTC to the millisecond, as records and databases store it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -11,7 +11,7 @@ from itertools import count
 from typing import TYPE_CHECKING, final
 
 from haptorb.errors import InputError
-from haptorb_study.database import utc_now
+from haptorb_study.json_values import utc_now
 
 if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo

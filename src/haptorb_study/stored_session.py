@@ -26,9 +26,9 @@ from haptorb_study.database import (
     studies,
     trials,
     try_begin,
-    utc_now,
     withdrawn,
 )
+from haptorb_study.json_values import utc_now
 from haptorb_study.order import plan, procedure_of
 from haptorb_study.participant_codes import check_code, find_other_spelling, fold_spelling, is_reserved
 from haptorb_study.procedures import Procedure

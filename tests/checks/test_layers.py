@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -38,3 +39,12 @@ def test_every_module_of_the_package_has_a_layer(root: Path) -> None:
     files = {path.stem if path.suffix == ".py" else path.name for path in (root / "src" / "haptorb").iterdir()}
     modules = {f"haptorb.{name}" for name in files if not name.startswith("__") and not name.endswith(".typed")}
     assert modules - named == set()
+
+
+def test_the_decision_shows_every_layer(root: Path) -> None:
+    """What the contract names is in the picture of decision 01, where people look for it."""
+    settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    written = next(one["layers"] for one in settings["contracts"] if one["type"] == "layers")
+    named = {name.strip().removeprefix("haptorb.") for layer in written for name in layer.split("|")}
+    decision = (root / "docs" / "decisions" / "01-layers.md").read_text(encoding="utf-8")
+    assert named - set(re.findall(r"\w+", decision.split("```")[1])) == set()

@@ -97,6 +97,25 @@ def test_documents_and_examples_use_only_the_public_api() -> None:
     assert {place: faults for place, code in found.items() if (faults := list_faults(code))} == {}
 
 
+def test_text_names_only_public_modules() -> None:
+    """A reader imports what a page names; a file for those who change haptorb is named by its path."""
+    skipped = {"_build", "generated", "gallery", "decisions"}
+    pages = [page for page in sorted((ROOT / "docs").rglob("*.md")) if not skipped & set(page.parts)]
+    others = {"haptorb.commands"}  # a group of entry points
+    faults = []
+    for page in [ROOT / "README.md", *pages]:
+        if page.name == "earlier-files.md":  # which names earlier modules
+            continue
+        for name in re.findall(
+            r"`(haptorb(?:_study|_design)?(?:\.\w+)+)(?:\(.*?\))?`", page.read_text(encoding="utf-8")
+        ):
+            package = max((one for one in PACKAGES if f"{name}.".startswith(f"{one}.")), key=len)
+            rest = name.removeprefix(package).strip(".").partition(".")[0]
+            if name not in others and rest and rest not in import_module(package).__all__:
+                faults.append(f"{page.name}: {name}")
+    assert faults == []
+
+
 def test_documents_use_every_public_package() -> None:
     used = {use for code in programs().values() for use in list_uses(code)}
     assert {module for module, _ in used} == set(PACKAGES)

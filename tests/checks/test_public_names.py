@@ -19,6 +19,7 @@ import textwrap
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -153,3 +154,13 @@ def test_physics_names_its_source() -> None:
             if re.search(r"[∫Σ]", said) and not re.search(named, said):
                 mute.append(module.__name__)
     assert mute == [], "where are their equations from?"
+
+
+def test_no_two_classes_have_the_same_name(root: Path) -> None:
+    """A search for a name finds one class, whichever of our packages it is in."""
+    places: dict[str, list[str]] = {}
+    for path in (path for folder in ("src", "papers") for path in sorted((root / folder).rglob("*.py"))):
+        for name in re.findall(r"^class ([A-Za-z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            places.setdefault(name, []).append(str(path.relative_to(root)))
+    assert len(places) > 300
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}

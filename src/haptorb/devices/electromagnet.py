@@ -38,7 +38,7 @@ from haptorb.devices.uncertainty import ElectromagnetTolerance, ToolUncertainty
 from haptorb.display import format_quantity
 from haptorb.errors import GeometryError
 from haptorb.magnetics.core_attraction import PassivePull
-from haptorb.magnetics.dipole import MU0, dipole_per_ampere, point_field
+from haptorb.magnetics.dipole import MU0, MU0_OVER_4PI, dipole_per_ampere, point_field
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet, RingMagnet
 from haptorb.magnetics.soft_sphere import SoftSphere
 
@@ -215,7 +215,7 @@ def find_sensor_field(device: SphericalElectromagnet) -> Array:
         charges = middles[:, None] + np.einsum("sab,bn->sna", turns, rows[:3])  # (sides, charges, 3)
         x, y, z = (at[:, i, None, None] - charges[..., i] for i in range(3))  # (k, sides, charges)
         square = x * x + y * y + z * z
-        strength = MU0 / (4 * np.pi) * rows[3] / (square * np.sqrt(square))
+        strength = MU0_OVER_4PI * rows[3] / (square * np.sqrt(square))
         for apart in (x, y, z):
             greatest = np.maximum(greatest, np.abs((strength * apart).sum(axis=2)).max(axis=1))
     per_ampere, away = device.coil_fields(at), np.linalg.norm(at, axis=1)[:, None, None]
@@ -517,7 +517,7 @@ class SphericalElectromagnet(Device):
             radii, heights, turns = (one.ravel()[:, None] for one in coil.filaments(6, 24))
             square = a * a + radii**2 - 2 * a * radii * np.cos(phi) + heights**2
             axial = (turns * radii * (radii - a * np.cos(phi)) / square**1.5).sum() * 2 * np.pi / len(phi)
-            total += MU0 / (4 * np.pi) * current * float(axial)
+            total += MU0_OVER_4PI * current * float(axial)
         return 3.0 * total
 
     @property

@@ -16,7 +16,7 @@ from haptorb.compiled import exact_kernel, kernel, pack, part, tick_kernel, vect
 from haptorb.devices.base import Coils, rotation_to_axis
 from haptorb.magnetics.coil import CentredCoil, Coil, coil_and_core
 from haptorb.magnetics.core_attraction import PassivePull, pull
-from haptorb.magnetics.dipole import MU0, fill_per_ampere
+from haptorb.magnetics.dipole import MU0, MU0_OVER_4PI, fill_per_ampere
 from haptorb.magnetics.magnets import dipole_on_charges
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
@@ -30,9 +30,6 @@ __all__ = [
     "ring_per_ampere",
     "wound_per_ampere",
 ]
-
-
-_K = MU0 / (4 * np.pi)
 
 
 @kernel
@@ -321,7 +318,7 @@ class Windings:
             return far
         place = np.array([[0.0, 0.0, distance]])
         axial = [one[0, 2] for one in self._fields(core, [place] * len(self.coils))]
-        return np.array(axial) * distance**3 / (2 * _K)
+        return np.array(axial) * distance**3 / (2 * MU0_OVER_4PI)
 
     def _fields(self, core: SoftSphere, places: list[Array], *, closed: bool = False) -> list[Array]:
         """(n, 3) [T/A] of each coil with the core at its `places` (n, 3) [m], in the coil's own frame.

@@ -18,7 +18,7 @@ from haptorb.devices import quantity as q
 from haptorb.devices.build_checks import BuildCheck, format_bound
 from haptorb.devices.schema import Form, Meaning, Positive, Without
 from haptorb.magnetics.coil import Coil
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, MU0_OVER_4PI
 from haptorb.magnetics.magnets import CylinderMagnet, RingMagnet
 
 __all__ = [
@@ -167,7 +167,7 @@ def charge_field(rows: Array, points: Array) -> Array:
     """(n, 3) flux density [T] at `points` (n, 3) [m] of charges rows (4, k): places [m] and strengths [A·m]."""
     x, y, z = (points[:, k, None] - rows[k] for k in range(3))
     strength = rows[3] * (x * x + y * y + z * z) ** -1.5
-    found: Array = MU0 / (4 * np.pi) * np.stack([(strength * one).sum(axis=1) for one in (x, y, z)], axis=1)
+    found: Array = MU0_OVER_4PI * np.stack([(strength * one).sum(axis=1) for one in (x, y, z)], axis=1)
     return found
 
 

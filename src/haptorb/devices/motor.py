@@ -30,7 +30,7 @@ from haptorb.devices.motor_wrench_map import (
 )
 from haptorb.devices.schema import list_limit_remarks
 from haptorb.devices.tables import Progress
-from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance, tilted_axes
+from haptorb.devices.turning_clearance import AxialBody, TiltedAxis, find_clearance, tilted_axes
 from haptorb.devices.uncertainty import MotorTolerance, MotorUncertainty
 from haptorb.devices.weight_regulator import Regulator, torque_over_sine
 from haptorb.errors import GeometryError, InputError
@@ -449,7 +449,7 @@ class _Ring:
     """Parts at one latitude: their body, the angle to the z axis of their side, and those to the other side's z."""
 
     name: str
-    body: RoundBody
+    body: AxialBody
     angle: float  #: [rad]
     tilted: TiltedAxis
 
@@ -459,7 +459,7 @@ class _Ring:
         return TiltedAxis(self.angle, self.angle)
 
 
-def _list_rings(name: str, layout: Layout, body: RoundBody, tilt: float) -> list[_Ring]:
+def _list_rings(name: str, layout: Layout, body: AxialBody, tilt: float) -> list[_Ring]:
     axes = tilted_axes(tilt, layout.directions)
     height = np.round(layout.directions[:, 2], 9)
     found = []
@@ -474,9 +474,9 @@ def _list_rings(name: str, layout: Layout, body: RoundBody, tilt: float) -> list
 def check_places(motor: SphericalMotor) -> list[BuildCheck]:
     """Check that the parts of `motor` do not overlap, and that the rotor moves without collision at every tilt."""
     coil, magnet, tilt = motor.electromagnet, motor.magnet, motor.workspace_tilt
-    coil_body = RoundBody.of_length(motor.electromagnets.distance, float(coil.length), 0.0, float(coil.outer_radius))
-    magnet_body = RoundBody.of_length(motor.magnets.distance, magnet.length, 0.0, magnet.radius)
-    chip = RoundBody.of_length(motor.sensor_layout.distance, 0.0, 0.0, 0.0)
+    coil_body = AxialBody.of_length(motor.electromagnets.distance, float(coil.length), 0.0, float(coil.outer_radius))
+    magnet_body = AxialBody.of_length(motor.magnets.distance, magnet.length, 0.0, magnet.radius)
+    chip = AxialBody.of_length(motor.sensor_layout.distance, 0.0, 0.0, 0.0)
     coils = _list_rings("the coils", motor.electromagnets, coil_body, tilt)
     sensors = _list_rings("the sensors", motor.sensor_layout, chip, tilt)
     # the magnets' tilted angles are those to the stator's z axis, which the rotor sees tilt likewise
@@ -491,7 +491,7 @@ def check_places(motor: SphericalMotor) -> list[BuildCheck]:
         _check_gap(coil_body, magnet_body),
         _check_sensors(motor, sensors, magnets),
     ]
-    handle = RoundBody(0.0, motor.rotor.handle_length, 0.0, _HANDLE_RADIUS_M)
+    handle = AxialBody(0.0, motor.rotor.handle_length, 0.0, _HANDLE_RADIUS_M)
     met = [(find_clearance(handle, one.body, one.tilted), one.name) for one in (*coils, *sensors)]
     ring = base = None
     if motor.regulator is not None:
@@ -502,7 +502,7 @@ def check_places(motor: SphericalMotor) -> list[BuildCheck]:
                  "reduce workspace.tilt, or move the upper rings of parts down")
     )  # fmt: skip
     downward = TiltedAxis(np.pi - upright.high, np.pi)
-    column = RoundBody(0.0, 4 * magnet_body.high, 0.0, 0.0)
+    column = AxialBody(0.0, 4 * magnet_body.high, 0.0, 0.0)
     room = [
         (find_clearance(column, one.body, TiltedAxis(np.pi - one.angle, np.pi - one.angle)), one.name) for one in coils
     ]
@@ -542,18 +542,18 @@ def _nearest(condition: str, name: str, met: Sequence[tuple[float, str]], limit:
     return BuildCheck(condition, name, distance, limit, "m", remedy, at_least=True, note=f"{what}; negative: inside")
 
 
-def _regulator_bodies(regulator: Regulator, magnet: RoundBody) -> tuple[RoundBody, RoundBody]:
+def _regulator_bodies(regulator: Regulator, magnet: AxialBody) -> tuple[AxialBody, AxialBody]:
     """The ring on the rotor, and that on the base with what carries it: down to below the rotor's reach."""
     own, base = regulator.rotor_ring, regulator.stator_ring
-    ring = RoundBody.of_length(regulator.rotor_height, own.length, own.inner_radius, own.outer_radius)
-    stands = RoundBody.of_length(regulator.stator_height, base.length, base.inner_radius, base.outer_radius)
+    ring = AxialBody.of_length(regulator.rotor_height, own.length, own.inner_radius, own.outer_radius)
+    stands = AxialBody.of_length(regulator.stator_height, base.length, base.inner_radius, base.outer_radius)
     if regulator.stator_height < 0.0:
         reach = max(float(np.hypot(*body.border).max()) for body in (ring, magnet))
         stands = replace(stands, low=min(stands.low, -reach))
     return ring, stands
 
 
-def _check_neighbours(section: str, key: str, letters: str, layout: Layout, body: RoundBody) -> BuildCheck:
+def _check_neighbours(section: str, key: str, letters: str, layout: Layout, body: AxialBody) -> BuildCheck:
     """Two equal radial cylinders touch where their inner rims meet: on the plane that halves the angle between them."""
     between = np.arccos(np.clip(layout.directions @ layout.directions.T, -1.0, 1.0))
     np.fill_diagonal(between, np.pi)
@@ -573,7 +573,7 @@ def _check_neighbours(section: str, key: str, letters: str, layout: Layout, body
     )  # fmt: skip
 
 
-def _check_gap(coil: RoundBody, magnet: RoundBody) -> BuildCheck:
+def _check_gap(coil: AxialBody, magnet: AxialBody) -> BuildCheck:
     inner, outer = (coil, magnet) if magnet.low + magnet.high > coil.low + coil.high else (magnet, coil)
     reach = float(np.hypot(inner.high, inner.outer_radius))
     return BuildCheck(
@@ -587,7 +587,7 @@ def _check_gap(coil: RoundBody, magnet: RoundBody) -> BuildCheck:
 def _check_sensors(motor: SphericalMotor, sensors: Sequence[_Ring], magnets: Sequence[_Ring]) -> BuildCheck:
     """The sensors' chips clear of the coils, and of magnets that pass; a chip may be in a coil's hole."""
     coil, coils, places = motor.electromagnet, motor.electromagnets, motor.sensor_layout
-    body = RoundBody.of_length(coils.distance, float(coil.length), float(coil.inner_radius), float(coil.outer_radius))
+    body = AxialBody.of_length(coils.distance, float(coil.length), float(coil.inner_radius), float(coil.outer_radius))
     angle = np.arccos(np.clip(places.directions @ coils.directions.T, -1.0, 1.0))
     apart = body.measure_distance(places.distance * np.sin(angle), places.distance * np.cos(angle))
     number, near = np.unravel_index(int(np.argmin(apart)), apart.shape)

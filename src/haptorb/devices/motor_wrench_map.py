@@ -20,7 +20,7 @@ from haptorb.devices.tables import PairTable, Progress
 from haptorb.errors import DeviceError, PrecisionError
 from haptorb.magnetics import dipole
 from haptorb.magnetics.coil import Coil
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0_OVER_4PI
 from haptorb.magnetics.magnets import CylinderMagnet
 from haptorb.magnetics.multipole import MultipoleSource
 from haptorb.magnetics.source import Source
@@ -126,7 +126,7 @@ def dipole_torque(motor: MotorParts, R: Array) -> Array:
     """
     c = motor.electromagnets.directions
     a, b = motor.magnets.distance, motor.electromagnets.distance
-    strength = MU0 / (4 * np.pi) * motor.magnet.moment[2] * motor.electromagnet.moment[2] * motor.polarity
+    strength = MU0_OVER_4PI * motor.magnet.moment[2] * motor.electromagnet.moment[2] * motor.polarity
     out = np.empty((len(R), 3, len(c)))
     for first in range(0, len(R), _TOGETHER):
         part = slice(first, first + _TOGETHER)
@@ -182,9 +182,9 @@ def _pole_torque(rotor: Array, charge: Array, stator: Array, strength: Array, ou
             tx += q * (y * fz - z * fy)
             ty += q * (z * fx - x * fz)
             tz += q * (x * fy - y * fx)
-        out[0, j] = MU0 / (4 * np.pi) * tx
-        out[1, j] = MU0 / (4 * np.pi) * ty
-        out[2, j] = MU0 / (4 * np.pi) * tz
+        out[0, j] = MU0_OVER_4PI * tx
+        out[1, j] = MU0_OVER_4PI * ty
+        out[2, j] = MU0_OVER_4PI * tz
 
 
 # --------------------------------------------------------------------------------------------------

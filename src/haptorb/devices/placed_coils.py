@@ -20,7 +20,7 @@ from haptorb.devices.coil_array_wrench_map import (
     PLACED_COIL,
     WINDING,
 )
-from haptorb.devices.turning_clearance import RoundBody
+from haptorb.devices.turning_clearance import AxialBody
 from haptorb.magnetics.coil import Coil, tabulate_winding
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
@@ -229,7 +229,7 @@ def measure_winding(coils: PlacedCoils, number: int, points: Array) -> Array:
     along = away @ coils.axis[number]
     across = np.sqrt(np.maximum((away**2).sum(axis=1) - along**2, 0.0))
     half = float(coils.length[number]) / 2
-    body = RoundBody(-half, half, float(coils.inner_radius[number]), float(coils.outer_radius[number]))
+    body = AxialBody(-half, half, float(coils.inner_radius[number]), float(coils.outer_radius[number]))
     return body.measure_distance(across, along)
 
 

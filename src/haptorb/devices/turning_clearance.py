@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from haptorb.arrays import Array
 from haptorb.rotations import rotation_from_euler
 
-__all__ = ["RoundBody", "TiltedAxis", "find_clearance", "spread_angles", "tilted_axes"]
+__all__ = ["AxialBody", "TiltedAxis", "find_clearance", "spread_angles", "tilted_axes"]
 
 _ALONG = 24  #: points along each side of a section
 _AROUND = 24  #: places along the arc of each point
@@ -26,7 +26,7 @@ _TILTS = 41  #: along each edge of the square of tilts
 
 @final
 @dataclass(frozen=True)
-class RoundBody:
+class AxialBody:
     """A cylinder, or a ring, about an axis through the centre; heights are along that axis."""
 
     low: float  #: [m]
@@ -35,7 +35,7 @@ class RoundBody:
     outer_radius: float  #: [m]
 
     @classmethod
-    def of_length(cls, middle: float, length: float, inner_radius: float, outer_radius: float) -> RoundBody:
+    def of_length(cls, middle: float, length: float, inner_radius: float, outer_radius: float) -> AxialBody:
         """The one whose middle is at the height `middle`; all in [m]."""
         return cls(middle - length / 2, middle + length / 2, inner_radius, outer_radius)
 
@@ -104,12 +104,12 @@ def _within(tilt: float, directions: Array) -> NDArray[np.bool_]:
     return np.asarray((np.abs(lam) <= tilt) & (np.abs(psi) <= tilt))
 
 
-def find_clearance(one: RoundBody, other: RoundBody, axis: TiltedAxis) -> float:
+def find_clearance(one: AxialBody, other: AxialBody, axis: TiltedAxis) -> float:
     """Least distance [m] of two bodies over all angles of `axis` between their axes; negative: they overlap."""
     return min(_sweep(one, other, axis), _sweep(other, one, axis))
 
 
-def _sweep(moved: RoundBody, still: RoundBody, axis: TiltedAxis) -> float:
+def _sweep(moved: AxialBody, still: AxialBody, axis: TiltedAxis) -> float:
     rho, z = moved.border
     s, beta = np.hypot(rho, z), np.arctan2(rho, z)
     low, high = spread_angles(beta, axis)

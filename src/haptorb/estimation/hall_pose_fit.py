@@ -23,7 +23,7 @@ from haptorb.compiled import kernel, pack, part
 from haptorb.devices.base import rotation_to_axis
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import InputError
-from haptorb.magnetics.dipole import MU0, point_field
+from haptorb.magnetics.dipole import MU0_OVER_4PI, point_field
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by
@@ -55,9 +55,6 @@ __all__ = [
 # because P_(l+1)' = c P_l' + (l+1) P_l. Its derivative by s needs P'' only; a charge that moves with a rotation δ of
 # the magnet moves by δ × (s − p). So the Jacobian is analytic: three columns for the magnet's position, two for its
 # axis. The rotation about the axis has no effect and is left out.
-
-
-_K = MU0 / (4 * np.pi)
 
 
 class ToolModel(NamedTuple):
@@ -154,7 +151,7 @@ def tool_field(model: ToolModel, p: Array, R: Array, B: Array, J: Array) -> None
             for j in range(5):
                 J[k, i, j] = 0.0
         for n in range(rows.shape[1]):
-            q = _K * rows[3, n]
+            q = MU0_OVER_4PI * rows[3, n]
             ax, ay, az = placed[n, 0], placed[n, 1], placed[n, 2]
             sx, sy, sz = placed[n, 3], placed[n, 4], placed[n, 5]
             # Field of the charge: q r/r³, and its derivative by s, q (3 r rᵀ/r⁵ − 1/r³).

@@ -18,7 +18,7 @@ from haptorb.errors import CalibrationError, quote
 from haptorb.estimation.hall_pose_fit import ToolModel, coil_field, moment_field, tool_field
 from haptorb.json_file import numbers
 from haptorb.magnetics import dipole
-from haptorb.magnetics.dipole import MU0, point_field
+from haptorb.magnetics.dipole import MU0_OVER_4PI, point_field
 from haptorb.magnetics.magnets import ChargedRing
 from haptorb.magnetics.soft_sphere import SoftSphere
 from haptorb.rotations import turn_by
@@ -335,7 +335,7 @@ def _add_steel(
     share, total = SoftSphere(radius).moment_in(np.eye(3))[0, 0], np.zeros((3 * device.sensors, 3 * device.sensors))
     for place in places:
         arm = place - charges
-        field = MU0 / (4 * np.pi) * (q / np.linalg.norm(arm, axis=1) ** 3) @ arm
+        field = MU0_OVER_4PI * (q / np.linalg.norm(arm, axis=1) ** 3) @ arm
         field = field + device.coil_fields(place[None])[0] @ currents
         read = (point_field(device.hall.positions - place) @ (share * field)).ravel()
         total += np.outer(read, read) / _DIRECTIONS

@@ -17,6 +17,7 @@ from haptorb.magnetics.source import Source
 
 __all__ = [
     "MU0",
+    "MU0_OVER_4PI",
     "Dipole",
     "dipole_per_ampere",
     "field",
@@ -28,7 +29,7 @@ __all__ = [
 ]
 
 MU0 = 4e-7 * np.pi  #: Vacuum permeability μ0 [T·m/A], the rounded value 4π·10⁻⁷ that both papers use.
-_K = MU0 / (4 * np.pi)
+MU0_OVER_4PI = MU0 / (4 * np.pi)  #: of every field in here [T·m/A]
 
 
 @kernel
@@ -36,7 +37,7 @@ def _field(m: Array, r: Array, out: Array) -> None:
     for n in range(r.shape[0]):
         x, y, z = r[n, 0], r[n, 1], r[n, 2]
         q = 1.0 / (x * x + y * y + z * z)
-        c = _K * q * np.sqrt(q)
+        c = MU0_OVER_4PI * q * np.sqrt(q)
         s = 3.0 * (m[n, 0] * x + m[n, 1] * y + m[n, 2] * z) * q
         out[n, 0] = c * (s * x - m[n, 0])
         out[n, 1] = c * (s * y - m[n, 1])
@@ -47,7 +48,7 @@ def _field(m: Array, r: Array, out: Array) -> None:
 def _gradient(m: Array, r: Array, out: Array) -> None:
     for n in range(r.shape[0]):
         q = 1.0 / (r[n, 0] ** 2 + r[n, 1] ** 2 + r[n, 2] ** 2)
-        c = 3.0 * _K * q * q * np.sqrt(q)
+        c = 3.0 * MU0_OVER_4PI * q * q * np.sqrt(q)
         s = m[n, 0] * r[n, 0] + m[n, 1] * r[n, 1] + m[n, 2] * r[n, 2]
         for i in range(3):
             for j in range(3):
@@ -251,7 +252,7 @@ class Dipole(Source):
 def _dipole_map(p: Array, axis: Array, moment: float, out: Array) -> None:
     x, y, z = p[0], p[1], p[2]
     q = 1.0 / (x * x + y * y + z * z)
-    near = _K * moment * q * np.sqrt(q)
+    near = MU0_OVER_4PI * moment * q * np.sqrt(q)
     c = 3.0 * near * q
     s = x * axis[0] + y * axis[1] + z * axis[2]
     for i in range(3):
@@ -307,5 +308,5 @@ def point_field(points: Array) -> Array:
     """(n, 3, 3) [T/(A·m²)] of unit moments along x, y, z at the centre, at `points` (n, 3) [m]."""
     away = np.linalg.norm(points, axis=1)[:, None, None]
     unit = points / away[:, 0]
-    found: Array = MU0 / (4 * np.pi) * (3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)) / away**3
+    found: Array = MU0_OVER_4PI * (3 * unit[:, :, None] * unit[:, None, :] - np.eye(3)) / away**3
     return found

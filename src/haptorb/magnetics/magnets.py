@@ -11,7 +11,7 @@ from haptorb.arrays import Array, check_finite, gauss_legendre, rotation, vector
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics import source
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, MU0_OVER_4PI
 from haptorb.magnetics.source import RoundBody, SheetStack, Source
 
 __all__ = ["ChargedRing", "CylinderMagnet", "RingMagnet", "charge_field", "dipole_on_charges"]
@@ -210,9 +210,6 @@ class RingMagnet(RoundBody):
 # this finite size: 15.6 % at 50 mm (erratum E16).
 
 
-_K = MU0 / (4 * np.pi)
-
-
 @kernel
 def charge_field(rows: Array, x: float, y: float, z: float, out: Array) -> None:
     """Add to out (3,) [T] the field at (x, y, z) [m] of point charges: rows (4, n), x y z [m] and q [A·m]."""
@@ -224,9 +221,9 @@ def charge_field(rows: Array, x: float, y: float, z: float, out: Array) -> None:
         bx += c * ax
         by += c * ay
         bz += c * az
-    out[0] += _K * bx
-    out[1] += _K * by
-    out[2] += _K * bz
+    out[0] += MU0_OVER_4PI * bx
+    out[1] += MU0_OVER_4PI * by
+    out[2] += MU0_OVER_4PI * bz
 
 
 @kernel
@@ -267,12 +264,12 @@ def dipole_on_charges(rows: Array, R: Array, p: Array, out: Array) -> None:
         tzx += ax * gxy - ay * gxx
         tzy += ax * gyy - ay * gxy
         tzz += ax * gyz - ay * gxz
-    out[0, 0], out[0, 1], out[0, 2] = _K * fxx, _K * fxy, _K * fxz
-    out[1, 0], out[1, 1], out[1, 2] = _K * fxy, _K * fyy, _K * fyz
-    out[2, 0], out[2, 1], out[2, 2] = _K * fxz, _K * fyz, -_K * (fxx + fyy)
-    out[3, 0], out[3, 1], out[3, 2] = _K * txx, _K * txy, _K * txz
-    out[4, 0], out[4, 1], out[4, 2] = _K * tyx, _K * tyy, _K * tyz
-    out[5, 0], out[5, 1], out[5, 2] = _K * tzx, _K * tzy, _K * tzz
+    out[0, 0], out[0, 1], out[0, 2] = MU0_OVER_4PI * fxx, MU0_OVER_4PI * fxy, MU0_OVER_4PI * fxz
+    out[1, 0], out[1, 1], out[1, 2] = MU0_OVER_4PI * fxy, MU0_OVER_4PI * fyy, MU0_OVER_4PI * fyz
+    out[2, 0], out[2, 1], out[2, 2] = MU0_OVER_4PI * fxz, MU0_OVER_4PI * fyz, -MU0_OVER_4PI * (fxx + fyy)
+    out[3, 0], out[3, 1], out[3, 2] = MU0_OVER_4PI * txx, MU0_OVER_4PI * txy, MU0_OVER_4PI * txz
+    out[4, 0], out[4, 1], out[4, 2] = MU0_OVER_4PI * tyx, MU0_OVER_4PI * tyy, MU0_OVER_4PI * tyz
+    out[5, 0], out[5, 1], out[5, 2] = MU0_OVER_4PI * tzx, MU0_OVER_4PI * tzy, MU0_OVER_4PI * tzz
 
 
 @kernel
@@ -366,7 +363,9 @@ class ChargedRing(Source):
         arm = at[..., None, :] - self.points
         square = (arm**2).sum(axis=-1)
         spread = np.einsum("...n,...ni,...nj->...ij", self.rows[3] / square**2.5, arm, arm)
-        gradient: Array = _K * ((self.rows[3] / square**1.5).sum(axis=-1)[..., None, None] * np.eye(3) - 3 * spread)
+        gradient: Array = MU0_OVER_4PI * (
+            (self.rows[3] / square**1.5).sum(axis=-1)[..., None, None] * np.eye(3) - 3 * spread
+        )
         return gradient
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:

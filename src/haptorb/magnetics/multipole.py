@@ -18,14 +18,11 @@ from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, UnknownName
 from haptorb.magnetics import source
 from haptorb.magnetics.coil import Coil
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0_OVER_4PI
 from haptorb.magnetics.magnets import CylinderMagnet
 from haptorb.magnetics.source import RoundBody, Source
 
 __all__ = ["PUBLISHED", "MultipoleSource", "PublishedModel", "load_published"]
-
-
-_K = MU0 / (4 * np.pi)
 
 
 @kernel
@@ -41,7 +38,7 @@ def _field(poles: Array, charges: Array, points: Array, out: Array) -> None:
             bx += q * dx
             by += q * dy
             bz += q * dz
-        out[n, 0], out[n, 1], out[n, 2] = _K * bx, _K * by, _K * bz
+        out[n, 0], out[n, 1], out[n, 2] = MU0_OVER_4PI * bx, MU0_OVER_4PI * by, MU0_OVER_4PI * bz
 
 
 @kernel
@@ -52,7 +49,7 @@ def _gradient(poles: Array, charges: Array, points: Array, out: Array) -> None:
         for i in range(charges.shape[0]):
             dx, dy, dz = x - poles[0, i], y - poles[1, i], z - poles[2, i]
             d2 = dx * dx + dy * dy + dz * dz
-            q = _K * charges[i] / (d2 * d2 * np.sqrt(d2))
+            q = MU0_OVER_4PI * charges[i] / (d2 * d2 * np.sqrt(d2))
             xx += q * (d2 - 3.0 * dx * dx)
             yy += q * (d2 - 3.0 * dy * dy)
             zz += q * (d2 - 3.0 * dz * dz)

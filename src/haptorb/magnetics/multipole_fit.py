@@ -17,7 +17,7 @@ from haptorb.arrays import Array, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError
 from haptorb.magnetics import source
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0_OVER_4PI
 from haptorb.magnetics.multipole import MultipoleSource, loop_poles
 from haptorb.magnetics.source import RoundBody
 
@@ -26,7 +26,6 @@ __all__ = ["MultipoleFit", "fit_multipole", "residual", "shell_region"]
 _RATIO_RANGE = (0.02, 1.05)  #: search range of l̄/l
 _COARSE_RATIOS = (0.1, 0.4, 0.8)  #: l̄/l of the coarse search
 _MAX_FINE_SEARCHES = 4  #: number of (k, n) with a fine search of l̄
-_K = MU0 / (4 * np.pi)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +191,7 @@ def _loop_fields(poles: Array, per_loop: int, half: float, points: Array, out: A
             up, down = points[p, 2] - half, points[p, 2] + half
             flat = dx * dx + dy * dy
             a2, b2 = flat + up * up, flat + down * down
-            a, b = _K / (a2 * np.sqrt(a2)), _K / (b2 * np.sqrt(b2))
+            a, b = MU0_OVER_4PI / (a2 * np.sqrt(a2)), MU0_OVER_4PI / (b2 * np.sqrt(b2))
             out[j, 3 * p] += (a - b) * dx
             out[j, 3 * p + 1] += (a - b) * dy
             out[j, 3 * p + 2] += a * up - b * down

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from haptorb.arrays import Array, check_finite, gauss_legendre, vectors
 from haptorb.compiled import kernel
 from haptorb.errors import GeometryError, InputError, PrecisionError
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0_OVER_4PI
 from haptorb.magnetics.source import Source
 
 __all__ = [
@@ -36,7 +36,6 @@ __all__ = [
 ]
 
 
-_SOFT_SPHERE_K = MU0 / (4 * np.pi)
 _MAX_TERMS = 4000  #: limit on the terms: more mean that a charge touches the sphere
 
 
@@ -70,7 +69,7 @@ def add_induced_field(rows: Array, radius: float, response: Array, x: float, y: 
         bx += q * turning * sx * inverse
         by += q * turning * sy * inverse
         bz += q * turning * sz * inverse
-    scale = _SOFT_SPHERE_K / radius * reach
+    scale = MU0_OVER_4PI / radius * reach
     out[0] += scale * (bx - along * ux)
     out[1] += scale * (by - along * uy)
     out[2] += scale * (bz - along * uz)
@@ -184,7 +183,7 @@ class SoftSphere:
         order = self.order(nearest, precision=precision)
         sums = np.empty(order)
         pair_sums(rows, self.radius, sums)
-        terms: Array = -_SOFT_SPHERE_K / (2 * self.radius) * self.response(order) * sums
+        terms: Array = -MU0_OVER_4PI / (2 * self.radius) * self.response(order) * sums
         return terms
 
     def forces(self, points: ArrayLike, charges: ArrayLike, *, precision: float = 1e-10) -> Array:
@@ -225,7 +224,7 @@ class SoftSphere:
         >>> bool(abs(SoftSphere(0.1).moment_in((0, 0, 1e-3))[2] - 10.0) < 1e-9)
         True
         """
-        moment: Array = self.response(1)[0] * self.radius**3 / _SOFT_SPHERE_K * vectors(field, "field")
+        moment: Array = self.response(1)[0] * self.radius**3 / MU0_OVER_4PI * vectors(field, "field")
         return moment
 
 
@@ -245,7 +244,6 @@ class SoftSphere:
 # of White and Head-Gordon (J. Chem. Phys. 101, 6593, 1994). Terms fall as (a²/(r_source r_charge))^l.
 
 
-_SPHERE_RESPONSE_K = MU0 / (4 * np.pi)
 _SAMPLING_RADIUS = 0.6  #: radius at which a source is sampled, relative to the sphere's: the field is smoother there
 
 
@@ -349,7 +347,7 @@ def weigh_charges(sphere: SoftSphere, order: int) -> Array:
         for m in range(l + 1):
             both = 1.0 if m == 0 else 2.0
             weights.append(
-                -_SPHERE_RESPONSE_K * both * response[l - 1] / (sphere.radius * factorial(l - m) * factorial(l + m))
+                -MU0_OVER_4PI * both * response[l - 1] / (sphere.radius * factorial(l - m) * factorial(l + m))
             )
     return np.array(weights)
 

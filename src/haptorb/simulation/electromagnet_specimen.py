@@ -24,7 +24,7 @@ from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import InteriorCoil
 from haptorb.magnetics.current_sheets import loop_field
 from haptorb.magnetics.demagnetising import demagnetising_factors
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, MU0_OVER_4PI
 from haptorb.magnetics.magnets import ChargedRing, dipole_on_charges
 from haptorb.magnetics.soft_sphere import (
     SoftSphere,
@@ -45,7 +45,6 @@ __all__ = [
     "find_gauss_points",
 ]
 
-_K = MU0 / (4 * np.pi)
 _LOOPS = (2, 4)  #: of a winding, across and along, at Gauss points, for the tool's magnet …
 _NEAR_LOOPS = (6, 16)  #: … and for sensors, which may be a few millimetres away
 _ORDERS = (4, 16)  #: minimum and maximum degree of the core's harmonics
@@ -123,7 +122,7 @@ class ElectromagnetSpecimen:
         if self.coils is not None:
             for number, layer in self._place_layers(self.core_place):
                 responses[number] += response_to_source(self.core, layer, order)
-                more = -_K / self.core.radius**2 * (stretch @ layer.field(np.zeros(3)))
+                more = -MU0_OVER_4PI / self.core.radius**2 * (stretch @ layer.field(np.zeros(3)))
                 responses[number, 1, 0] -= more[2]
                 responses[number, 2] += more[:2]
         earth_moment = self.core.moment_in(self.earth) + stretch @ self.earth
@@ -236,7 +235,7 @@ def _field_of_charges(placed: Array, x: float, y: float, z: float, out: Array) -
     for n in range(placed.shape[1]):
         dx, dy, dz = x - placed[0, n], y - placed[1, n], z - placed[2, n]
         square = dx * dx + dy * dy + dz * dz
-        q = _K * placed[6, n] / (square * np.sqrt(square))
+        q = MU0_OVER_4PI * placed[6, n] / (square * np.sqrt(square))
         out[0] += q * dx
         out[1] += q * dy
         out[2] += q * dz
@@ -481,5 +480,5 @@ def _scale_to_moments(
         found = (made.compute_moments() * coils.axis.T).sum(axis=0)
     else:
         fields = compute_fields(made.compute_map(device.dome_radius), away * coils.axis)
-        found = np.einsum("jij,ji->j", fields, coils.axis) * away**3 / (2 * _K)
+        found = np.einsum("jij,ji->j", fields, coils.axis) * away**3 / (2 * MU0_OVER_4PI)
     return replace(coils, turns=coils.turns * np.linalg.norm(moments, axis=0) / found)

@@ -33,13 +33,12 @@ from haptorb.devices.weight_regulator import Regulator
 from haptorb.errors import GeometryError
 from haptorb.magnetics.coil import Coil
 from haptorb.magnetics.current_sheets import loop_field
-from haptorb.magnetics.dipole import MU0
+from haptorb.magnetics.dipole import MU0, MU0_OVER_4PI
 from haptorb.magnetics.magnets import ChargedRing, CylinderMagnet
 from haptorb.magnetics.wire import overall_diameter, wind, wire_diameter
 
 __all__ = ["MotorSpecimen", "MotorTruth", "draw_motor", "fill_field", "fill_torque", "pack_truth", "unpack_truth"]
 
-_K = MU0 / (4 * np.pi)
 _CELLS = 320  #: pieces of a table over the chord |u − c| from 0 to 2
 _NODES = 10  #: loops across and along the region of a coil's turns, at Chebyshev nodes
 _EDGE_RAD = 3e-4  #: an even function of the angle is taken there instead of at 0 and π, where it is 0/0
@@ -266,7 +265,7 @@ def _fill_sensed(charges: Array, distance: float, sensor: float, angles: Array, 
         for i in range(charges.shape[1]):
             dx, dy, dz = x - charges[0, i], charges[1, i], z - charges[2, i]
             square = dx * dx + dy * dy + dz * dz
-            q = _K * charges[3, i] / (square * np.sqrt(square))
+            q = MU0_OVER_4PI * charges[3, i] / (square * np.sqrt(square))
             bx += q * dx
             bz += q * dz
         out[n, 1] = bx / s
@@ -368,7 +367,7 @@ def _torque_of_charges(still: Array, turned: Array) -> float:
             q = still[3, j] / (square * np.sqrt(square))
             fx += q * dx
             fz += q * dz
-        total += _K * turned[3, i] * (z * fx - x * fz)
+        total += MU0_OVER_4PI * turned[3, i] * (z * fx - x * fz)
     return total
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, fields
-from datetime import UTC, datetime
 from typing import Any
 
 from haptorb.files import parse_json
 
-__all__ = ["Choice", "DesignRating", "Feeling", "Record", "parse_records", "utc_now", "write_line"]
+__all__ = ["Choice", "DesignRating", "Feeling", "Record", "parse_records", "write_line"]
 
 
 @dataclass(frozen=True)
@@ -93,8 +92,3 @@ def _parse_record(line: str) -> Record | None:
         if not isinstance(value, wanted) or (isinstance(value, bool) and bool not in wanted):
             return None
     return kind(**values)
-
-
-def utc_now() -> str:
-    """Time stamp of a record."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -19,8 +19,9 @@ from haptorb.arrays import Array
 from haptorb.errors import InputError, RecordingError, quote
 from haptorb.files import read_bytes
 from haptorb_study.feel.designs import Candidates
-from haptorb_study.feel.records import Choice, DesignRating, Feeling, Record, parse_records, utc_now, write_line
+from haptorb_study.feel.records import Choice, DesignRating, Feeling, Record, parse_records, write_line
 from haptorb_study.feel.trace import COLUMNS, HAND, Trace, is_felt, read_trace, write_trace
+from haptorb_study.json_values import utc_now
 from haptorb_study.participant_codes import find_other_spelling, suggest_code
 from haptorb_study.prompts import SCALE, Answer
 from haptorb_study.prompts import rating as rating_of

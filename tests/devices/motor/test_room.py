@@ -10,7 +10,7 @@ import haptorb
 from haptorb.devices.build_checks import BuildError
 from haptorb.devices.loader import parse
 from haptorb.devices.motor import check_range
-from haptorb.devices.turning_clearance import RoundBody, TiltedAxis, find_clearance
+from haptorb.devices.turning_clearance import AxialBody, TiltedAxis, find_clearance
 from haptorb.rotations import rotation_from_euler
 
 _COARSE = 0.6e-3  #: between points of a cloud that are nearest, and the true places [m]
@@ -27,7 +27,7 @@ def test_the_distance_of_two_turning_bodies_is_that_of_their_points(seed):
     low = draw.uniform(0, np.pi)
     axis = TiltedAxis(low, low + draw.uniform(0, np.pi - low))
     one, other = (draw_surface(*body, 150, draw) for body in bodies)
-    found = find_clearance(RoundBody(*bodies[0]), RoundBody(*bodies[1]), axis)
+    found = find_clearance(AxialBody(*bodies[0]), AxialBody(*bodies[1]), axis)
     least, inside = np.inf, False
     for gamma in np.linspace(axis.low, axis.high, 40):
         at = stand_along(one, np.array([np.sin(gamma), 0.0, np.cos(gamma)]))
@@ -53,10 +53,10 @@ def test_upside_down_and_from_the_other_side_the_distance_is_the_same():
             sizes.append((low, low + draw.uniform(1e-3, 10e-3), inner, inner + draw.uniform(2e-3, 12e-3)))
         low = draw.uniform(0, np.pi)
         high = low + draw.uniform(0, np.pi - low)
-        one, other = (RoundBody(*size) for size in sizes)
+        one, other = (AxialBody(*size) for size in sizes)
         found = find_clearance(one, other, TiltedAxis(low, high))
         assert find_clearance(other, one, TiltedAxis(low, high)) == pytest.approx(found, abs=1e-12)
-        turned = RoundBody(-one.high, -one.low, one.inner_radius, one.outer_radius)
+        turned = AxialBody(-one.high, -one.low, one.inner_radius, one.outer_radius)
         assert find_clearance(turned, other, TiltedAxis(np.pi - high, np.pi - low)) == pytest.approx(found, abs=1e-4)
         halves = [TiltedAxis(low, (low + high) / 2), TiltedAxis((low + high) / 2, high)]
         least = min(find_clearance(one, other, half) for half in halves)
@@ -65,10 +65,10 @@ def test_upside_down_and_from_the_other_side_the_distance_is_the_same():
 
 
 def test_discs_that_pass_over_each_other_are_as_far_apart_as_rim_and_face():
-    outer, inner = RoundBody(65.36e-3, 70.44e-3, 0.0, 15.875e-3), RoundBody(52.99e-3, 60.61e-3, 0.0, 15.88e-3)
+    outer, inner = AxialBody(65.36e-3, 70.44e-3, 0.0, 15.875e-3), AxialBody(52.99e-3, 60.61e-3, 0.0, 15.88e-3)
     found = find_clearance(outer, inner, TiltedAxis(0.0, np.pi))
     assert found == pytest.approx(65.36e-3 - np.hypot(60.61e-3, 15.88e-3), abs=1e-5)
-    ring, disc = RoundBody(-10e-3, -5e-3, 60e-3, 65e-3), RoundBody(50e-3, 55e-3, 0.0, 8e-3)
+    ring, disc = AxialBody(-10e-3, -5e-3, 60e-3, 65e-3), AxialBody(50e-3, 55e-3, 0.0, 8e-3)
     found = find_clearance(ring, disc, TiltedAxis(np.pi / 6, 2.7))
     assert found == pytest.approx(np.hypot(60e-3, 5e-3) - np.hypot(55e-3, 8e-3), abs=1e-5)
 
