@@ -93,3 +93,24 @@ def test_the_summary_is_written_as_pytest_writes_it(program: Any) -> None:
 )
 def test_a_call_without_tests_is_no_failure_but_two_are(program: Any, codes: list[int], code: int) -> None:
     assert program.combine_codes(codes) == code
+
+
+#: a verdict on elapsed time, less than 2 s, which a busy machine can turn
+SPEED = re.compile(r"\b(?:monotonic|perf_counter|time)\(\) - [\w.\[\]]+ <=? [01]\.\d")
+
+
+def test_a_verdict_that_hangs_on_speed_has_the_mark(root: Path) -> None:
+    """Loops that try again until a time has passed are none: only `assert`, and what another process prints."""
+    found = []
+    for path in sorted((root / "tests").rglob("test_*.py")):
+        text = path.read_text(encoding="utf-8")
+        if SPEED.search(text) and not re.search(r"^pytestmark = .*realtime", text, re.MULTILINE):
+            for part in re.split(r"\n\n\n", text):
+                wrong = [
+                    line
+                    for line in part.splitlines()
+                    if SPEED.search(line) and re.search(r"assert|say\(|errors\(", line)
+                ]
+                if wrong and "@pytest.mark.realtime" not in part:
+                    found.append(f"{path.relative_to(root)}: {wrong[0].strip()}")
+    assert found == []

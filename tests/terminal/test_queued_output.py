@@ -68,6 +68,7 @@ def read_later(pipe: FullPipe) -> tuple[threading.Thread, list[str]]:
     return reader, found
 
 
+@pytest.mark.realtime(retry=False)
 @pytest.mark.timeout(30)
 def test_printing_does_not_wait_and_nothing_is_lost(pipe: FullPipe) -> None:
     pipe.connect()

@@ -165,6 +165,7 @@ def read_lines(process: Any) -> list[str]:
     return list(out.splitlines())
 
 
+@pytest.mark.realtime(retry=False)
 def test_openhaptics_without_a_device(libraries: Path, tmp_path: Path) -> None:
     """At once: a fault on the stack, an invalid handle, one line that says how to start a device."""
     source = textwrap.dedent("""

@@ -183,6 +183,7 @@ def test_one_program_commands_and_others_read(served: ServedFile, dhd: Any, libr
     assert served.receive() == ([0.0, 0.0, 0.5], session)
 
 
+@pytest.mark.realtime(retry=False)
 def test_killed_programs_forces_end_at_once(served: ServedFile, libraries: Path) -> None:
     """By their end, not by their silence: within some looks of the server, and the next may command."""
     source = "dhd.dhdOpen()\nwhile True:\n    force(0, 0, 0.5); time.sleep(0.001)"
@@ -260,6 +261,7 @@ def test_calls_before_open_after_close_and_of_numbers_that_are_none(libraries: P
     assert program.returncode == 0
 
 
+@pytest.mark.realtime(retry=False)
 def test_without_a_device(libraries: Path, tmp_path: Path) -> None:
     """At once, with one line that says how to start one; a file that was left is no device."""
     with ServedFile() as served:
@@ -298,6 +300,7 @@ def test_a_scale_that_is_none(where: str) -> None:
         prepare(where)
 
 
+@pytest.mark.realtime(retry=False)
 def test_a_stopped_programs_force_fades(served: ServedFile, libraries: Path) -> None:
     """By the time of its last command, which no message could tell."""
     program = run_program(served, libraries, "dhd.dhdOpen()\nwhile True:\n    force(0, 0, 0.5); time.sleep(0.001)")
