@@ -255,5 +255,5 @@ class _Finder:
 def install_finder() -> None:
     """Let `import` find the earlier modules; as the last finder it costs nothing where another one finds."""
     if _Finder not in sys.meta_path:
-        sys.meta_path.append(_Finder)  # type: ignore[arg-type]
+        sys.meta_path.append(_Finder)
         sys.modules.update({name: _let_find(ModuleType(name)) for name in _WITHOUT_PLACE})
