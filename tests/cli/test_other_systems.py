@@ -34,8 +34,9 @@ def use(system, folder, *only):
     return json.loads(done.stdout)
 
 
-#: parts that start a loop again, four to seven seconds of processor time each; every suite has "run" and "run console"
-NIGHTLY = ("servo", "hang", "study run", "feel", "feel headless")
+#: parts that start a loop again, four to seven seconds of processor time each; every suite has "run", and a page with
+#: "design show"
+NIGHTLY = ("servo", "hang", "run console", "study run", "feel", "feel headless")
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +110,7 @@ def test_a_run_says_what_is_promised_about_time(result):
 
 @pytest.mark.parametrize(
     "part",
-    ["run console", "design show", *(pytest.param(part, marks=pytest.mark.slow) for part in ("study run", "feel"))],
+    ["design show", *(pytest.param(part, marks=pytest.mark.slow) for part in ("run console", "study run", "feel"))],
 )
 def test_a_page_is_served_until_ctrl_c(result, part):
     code, page, err = result(part)
