@@ -88,7 +88,7 @@ def ignore_local_settings() -> None:
     It may name the folder with compiled code, which numba executes, and switch compilation off; numba looks for it when
     it is imported and before each compilation. Environment variables NUMBA_... are the user's.
     """
-    settings = import_module("numba.core.config")
+    settings: Any = import_module("numba.core.config")
     name = getattr(settings, "_config_fname", "")
     if not name:
         return
