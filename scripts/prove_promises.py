@@ -233,7 +233,7 @@ BREAKS = (
         ),
     ),
     Break(
-        "A world declared passive", "pytest tests/control/protection/test_wall.py", "lasting-oscillation-is-softened"
+        "A world declared passive", "pytest tests/analysis/stability/test_wall.py", "lasting-oscillation-is-softened"
     ),
     *(
         Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")

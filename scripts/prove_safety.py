@@ -45,7 +45,7 @@ HOSTILE, TRACKER_TESTS = "tests/contracts/test_hostile_files.py", "tests/contrac
 DRIVE_TESTS, GUARD_TESTS = "tests/control/protection/test_drive.py", "tests/control/protection/test_guard.py"
 HEAT_TESTS = "tests/control/protection/test_heat.py"
 PASSIVITY_TESTS = "tests/control/protection/test_passivity.py"
-WALL_TESTS = "tests/control/protection/test_wall.py"
+WALL_TESTS = "tests/analysis/stability/test_wall.py"
 I2C_TESTS, LOCK_TESTS = "tests/runtime/drivers/i2c/test_i2c_faults.py", "tests/runtime/drivers/i2c/test_i2c_lock.py"
 SERIAL_TESTS = "tests/runtime/drivers/serial/test_serial_driver.py"
 HOSTILE_TESTS = "tests/runtime/test_hostile_worlds.py"
@@ -288,14 +288,14 @@ RULES = [
     ("cool-simulated", "real coils stay as warm as they are", "always", "tests/runtime/tick/test_cooling.py"),
     ("excuse-simulated", "a real device trips on a busy computer", "always", "tests/runtime/test_loop.py"),
     ("host-silent", "a silent host is dead", "never", "tests/runtime/test_loop.py"),
-    ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/linux/test_host_heartbeat.py"),
+    ("host-stopped", "a stopped host is dead within 100 ms", "never", "tests/runtime/test_liveness.py"),
     (
         "host-computing",
         "a host that computes is not taken for dead",
         "always",
-        "tests/runtime/linux/test_host_heartbeat.py",
+        "tests/runtime/test_liveness.py",
     ),
-    ("host-starved", "a host that waits for ever is dead", "never", "tests/runtime/linux/test_host_heartbeat.py"),
+    ("host-starved", "a host that waits for ever is dead", "never", "tests/runtime/test_liveness.py"),
     (
         "host-starved-real",
         "real coils do not wait for a busy host",

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cli.test_container import run_in_scratch, scratch
 from oracles.other_account import needs_root
+from test_container import run_in_scratch, scratch
 
 
 @pytest.mark.slow

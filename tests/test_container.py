@@ -86,7 +86,7 @@ def test_cache_and_state_lie_in_a_private_folder_and_one_line_says_so(tmp_path: 
     ],
 )
 def test_commands_run_as_another_user_without_a_home(command: str, tmp_path: Path) -> None:
-    design = Path(__file__).parents[2] / "examples" / "design" / "omni-core.toml"
+    design = Path(__file__).parents[1] / "examples" / "design" / "omni-core.toml"
     before = f"cp {design} small.toml; {HAPTORB} study new study --like staircase >/dev/null 2>&1;"
     done = run_in_scratch(tmp_path, f"{before} {HAPTORB} {command}")
     assert done.returncode in (0, 1), done.stderr
