@@ -11,7 +11,6 @@ from haptorb.control.trip_reasons import Trip
 from haptorb.devices.base import State, WrenchMap
 from haptorb.devices.loader import load
 from haptorb.estimation.types import Estimate
-from oracles.repetitions import repetitions
 
 from .protected import DT, FRESH, OMNI, PUSH, Loop, sample
 
@@ -69,7 +68,7 @@ def test_a_warm_coil_is_learned_within_a_fifth_of_a_second():
     assert error[-300:].max() < 0.01
 
 
-@settings(max_examples=repetitions(50, 150), deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(-30, 30), st.floats(-1e6, 1e6) | st.just(float("nan")), st.floats(-1, 1)),

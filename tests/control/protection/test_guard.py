@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptorb.control.trip_reasons import GuardState, Trip
-from oracles.repetitions import repetitions
 
 from .protected import DT, FRESH, OMNI, PUSH, Loop, is_off, sample
 
@@ -63,7 +62,7 @@ def test_readings_that_are_no_numbers_switch_off(reading):
     assert loop.protection.reason is Trip.SAMPLE_NOT_FINITE
 
 
-@settings(max_examples=repetitions(66, 200), deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.lists(any_number, min_size=6, max_size=6))
 def test_no_wrench_is_let_through_above_its_limit(numbers):
     loop = Loop().run()
@@ -76,7 +75,7 @@ def test_no_wrench_is_let_through_above_its_limit(numbers):
         assert np.allclose(np.cross(out[:3], wrench[:3] / np.linalg.norm(wrench[:3])), 0, atol=1e-9)
 
 
-@settings(max_examples=repetitions(33, 100), deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3), min_size=1, max_size=60))
 def test_no_current_beyond_its_limit_and_no_step_beyond_the_slew(wanted):
     loop = Loop().run()
