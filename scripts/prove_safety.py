@@ -375,6 +375,18 @@ RULES = [
     ("port-not-shared", "a port that others may bind is nobody's", "never", OWNER_TESTS),
     ("serve-account", "another account or computer uses no server without the token", "always", ACCESS_TESTS),
     ("osc-account", "another account sends no OSC message", "never", ACCOUNT_TESTS),
+    (
+        "osc-port-of-account",
+        "another account binds the OSC server's port at no time",
+        "replace value.args[1] by socket.SO_REUSEADDR",
+        f"{ACCOUNT_TESTS}::test_the_port_of_osc_is_never_another_accounts",
+    ),
+    (
+        "osc-holder-stays",
+        "the holder stays known to the OSC server while other programs come and go",
+        "replace value.generators[0].ifs[0] by True",
+        "tests/serve/osc/test_osc_session.py::test_the_holder_stays_while_programs_of_this_account_come_and_go",
+    ),
     ("osc-reader-account", "a port that passed to another account is sent no rows", "never", ACCOUNT_TESTS),
     ("tracker-account", "another account says not where the tool is", "never", ACCOUNT_TESTS),
     ("natnet-account", "a server of another account says not where the tool is", "never", SECRET_TESTS),

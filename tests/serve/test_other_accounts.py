@@ -7,6 +7,7 @@ import os
 import socket
 import threading
 import time
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -151,6 +152,38 @@ def test_osc_commands_nothing_and_a_port_that_passed_to_another_account_reads_no
                 session.send(loop.served.read_rows())
                 time.sleep(0.01)
             assert "imeout" in await_text(said)
+        session.close()
+
+
+@needs_root
+def test_the_port_of_osc_is_never_another_accounts(said):
+    with PublishedLoop(Dome() + Remote()) as loop:
+        opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        opened.bind(("127.0.0.1", 0))
+        session, address = OscSession(opened, loop.served), opened.getsockname()
+        ways = [(socket.SO_REUSEADDR,), (socket.SO_REUSEPORT,), (socket.SO_REUSEADDR, socket.SO_REUSEPORT)]
+
+        def take():
+            said.with_name("begun").touch()
+            for n in range(20_000):
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+                    for option in ways[n % 3]:
+                        thief.setsockopt(socket.SOL_SOCKET, option, 1)
+                    with suppress(OSError):
+                        thief.bind((("127.0.0.1", "0.0.0.0")[n % 2], address[1]))
+                        return "the port"
+            return "nothing"
+
+        with ExitStack() as stack, as_nobody(report(said, take)):
+            while not said.with_name("begun").exists():
+                time.sleep(0.001)
+            for _ in range(25):
+                program = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                program.sendto(message("/haptorb/subscribe"), address)
+                session.read_messages()
+                time.sleep(0.002)
+            assert await_text(said) == "got 'nothing'"
+            assert len(session.sockets) == 26
         session.close()
 
 

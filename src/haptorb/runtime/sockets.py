@@ -45,11 +45,14 @@ class DatagramTimes:
         self._polled_at = self._before = monotonic_ns()
 
     @staticmethod
-    def watch(opened: socket.socket) -> None:
-        """Enable the kernel's receive timestamps on `opened`, and wait until they are active."""
+    def watch(opened: socket.socket, *, wait: bool = True) -> None:
+        """Enable the kernel's receive timestamps on `opened`, and wait until they are active.
+
+        wait=False: they are active already, for another socket of this process."""
         if sys.platform == "linux":
             opened.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-            _wait_for_stamps()
+            if wait:
+                _wait_for_stamps()
 
     def begin_batch(self) -> None:
         """Begin a batch: its datagrams arrived since the last batch, unless the kernel has timestamped them."""

@@ -6,7 +6,6 @@ import logging
 import select
 import socket
 import struct
-from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -152,19 +151,21 @@ class OscInbox:
             return
         own = socket.socket(self._shared.family, socket.SOCK_DGRAM)
         try:
-            # Reuse of the address is allowed only here: else another program of this computer could bind the port.
-            for one in (self._shared, own):
-                one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            _configure_socket(own, others_are_stamped=True)  # before: the port can be shared for two calls only
+            # With SO_REUSEPORT the kernel lets in only sockets of this account, with SO_REUSEADDR those of all. The
+            # kernel compares with any one socket of the port: all need the option. It is off again afterwards, so that
+            # a program of this account does not take a part of the messages unnoticed.
+            for one in (*self.sockets, own):
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)  # safety: osc-port-of-account
             own.bind(self._shared.getsockname())
-            own.connect(sender)
-            _configure_socket(own)
+            own.connect(sender)  # until then it may receive messages of others: each is dated and named by its sender
         except OSError:
             own.close()
             return
         finally:
-            with suppress(OSError):
-                self._shared.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
-        own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+            for one in (*self.sockets, own):
+                with suppress(OSError):
+                    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
         self._own[sender] = own
 
     def release(self, sender: Sender) -> None:
@@ -179,17 +180,22 @@ class OscInbox:
             self.release(sender)
         self._shared.close()
 
-    def read_newest(self) -> tuple[dict[Sender, deque[Letter]], bool]:
+    def read_newest(self) -> tuple[dict[Sender, list[Letter]], bool]:
         """Read the newest datagrams of each sender, oldest first; and whether more may be queued."""
-        found: dict[Sender, deque[Letter]] = {}
+        found: dict[Sender, list[Letter]] = {}
         more = False
         self._times.begin_batch()
         for own in self._own.values():
             more |= self._read_socket(own, _MAX_OWN_READS, found)
         more |= self._read_socket(self._shared, _MAX_SHARED_READS, found)
+        # A program's older messages may still be in the shared socket, or in one that was not connected yet.
+        for name, letters in found.items():
+            letters.sort(key=_read_arrival)
+            self.overtaken += max(len(letters) - MAX_DATAGRAMS, 0)
+            found[name] = letters[-MAX_DATAGRAMS:]
         return found, more
 
-    def _read_socket(self, source: socket.socket, most: int, found: dict[Sender, deque[Letter]]) -> bool:
+    def _read_socket(self, source: socket.socket, most: int, found: dict[Sender, list[Letter]]) -> bool:
         for _ in range(most):
             try:
                 data, notes, _, sender = source.recvmsg(_MAX_MESSAGE_BYTES + 1, _ANCILLARY_BYTES)
@@ -207,8 +213,7 @@ class OscInbox:
                 if len(found) >= _MAX_SENDERS:
                     self.overtaken += 1
                     continue
-                found[name] = deque(maxlen=MAX_DATAGRAMS)
-            self.overtaken += len(found[name]) == MAX_DATAGRAMS
+                found[name] = []
             found[name].append((self._times.find(notes), data))
         return True
 
@@ -218,11 +223,15 @@ class OscInbox:
                 self._lost[source] = max(self._lost.get(source, 0), _DROP_COUNT.unpack(data[: _DROP_COUNT.size])[0])
 
 
-def _configure_socket(opened: socket.socket) -> None:
+def _read_arrival(letter: Letter) -> float:
+    return letter[0]
+
+
+def _configure_socket(opened: socket.socket, *, others_are_stamped: bool = False) -> None:
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
     opened.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-    DatagramTimes.watch(opened)
+    DatagramTimes.watch(opened, wait=not others_are_stamped)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -700,7 +709,8 @@ def _describe_user_parameter(name: str, value: Any) -> Parameter:
 
 
 _ERROR_INTERVAL_S = 0.1  #: between two error replies to one program [s]
-_MAX_PROGRAMS = 64  #: programs; another one replaces the one that was silent for longest
+_MAX_PROGRAMS = 64  #: programs; another one replaces the one that was silent for longest, never the holder
+_CLOCK_TOLERANCE_S = 1e-4  #: error of the difference of two arrival times of different polls [s]
 _PROGRAM_TIMEOUT_S = 30.0  #: a program that sent nothing for this long is no longer listed [s]
 
 
@@ -712,7 +722,7 @@ class _Program:
         self.last_time = 0.0
         self.count, self.rate = 0, 0.0
         self.next_error = 0.0
-        self.own = False  # whether the sender runs under this account
+        self.newest_force = float("-inf")  # arrival of the newest force
 
 
 @final
@@ -759,8 +769,7 @@ class OscSession:
             if not own and not self._token:  # safety: osc-account
                 self._refuse_account(sender, len(letters), now)
                 continue
-            program = self._find_program(sender, now)
-            program.own = own
+            program = self._find_program(sender, now) if own else self._programs.get(sender)
             force: tuple[float, ...] | None = None
             since = now
             for arrival, packet in letters:
@@ -770,12 +779,21 @@ class OscSession:
                     self._refuse(program, cause, now)
                     continue
                 for address, values in messages:
+                    authorized = self._has_token(values)
+                    if not (authorized or own):  # safety: osc-token
+                        self.refused += 1
+                        continue
+                    program = program or self._find_program(sender, now)
                     try:
-                        asked = self._execute(program, address, values, arrival, now)
+                        asked = self._execute(program, address, values, arrival, now, authorized=authorized)
                         force, since = (force, since) if asked is None else (asked, arrival)
                     except InputError as cause:
                         self._refuse(program, cause, now)
-            if force is not None:
+            if force is not None and program is not None:
+                if since < program.newest_force - _CLOCK_TOLERANCE_S:  # it was read late, from the shared socket
+                    self._inbox.overtaken += 1
+                    continue
+                program.newest_force = since
                 self._command(program, force, since, now)
         self._world_requests.send_due(now)
         return more
@@ -792,14 +810,12 @@ class OscSession:
             self._refuse(program, InputError("the current world does not render clients' forces; choose 'remote'"), now)
 
     def _execute(
-        self, program: _Program, address: str, values: list[Any], arrival: float, now: float
+        self, program: _Program, address: str, values: list[Any], arrival: float, now: float, *, authorized: bool
     ) -> tuple[float, ...] | None:
-        """Execute a message, except a force, which is returned: of several in one poll, the last counts."""
+        """Execute a message, except a force, which is returned: of several in one poll, the last counts.
+
+        authorized: it begins with the token."""
         program.count += 1
-        authorized = self._has_token(values)
-        if not (authorized or program.own):  # safety: osc-token
-            self.refused += 1
-            return None
         if authorized:
             del values[0]
         request = parse_request(address, values)
@@ -886,10 +902,13 @@ class OscSession:
         )  # fmt: skip
 
     def _find_program(self, sender: Sender, now: float) -> _Program:
+        """Find or list the program of `sender`, which may use this server: others would replace those that may."""
         found = self._programs.get(sender)
         if found is None:
             if len(self._programs) >= _MAX_PROGRAMS:
-                oldest = min(self._programs.values(), key=lambda one: one.last_time)
+                holder = self._served.holder
+                others = [one for one in self._programs.values() if one.session != holder]  # safety: osc-holder-stays
+                oldest = min(others, key=lambda one: one.last_time)
                 del self._programs[oldest.sender]
                 self._inbox.release(oldest.sender)
             found = self._programs[sender] = _Program(sender, self._served.open_session())
@@ -907,9 +926,10 @@ class OscSession:
             )
             self._send(make_message("/haptorb/error", text), sender)
 
-    def _refuse(self, program: _Program, cause: InputError, now: float) -> None:
+    def _refuse(self, program: _Program | None, cause: InputError, now: float) -> None:
+        """Count a refusal, and reply to `program`. One without the token gets no reply: its address may be forged."""
         self.refused += 1
-        if now >= program.next_error:
+        if program is not None and now >= program.next_error:
             program.next_error = now + _ERROR_INTERVAL_S
             self._answer(program, make_message("/haptorb/error", str(cause)))
 

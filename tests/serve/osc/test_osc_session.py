@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import socket
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from time import monotonic, sleep
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from pythonosc.osc_bundle import OscBundle
@@ -306,14 +306,97 @@ def test_a_flood_of_others_does_not_push_out_who_was_understood_before(setting: 
     assert report["received"] + report["unread"] >= 3000
 
 
-def test_nobody_else_can_take_the_port(setting: Setting) -> None:
-    program = setting.connect()
-    program.say("/haptorb/subscribe")
-    setting.look()
+def test_every_program_has_a_socket_of_its_own(setting: Setting) -> None:
+    programs = [setting.connect() for _ in range(3)]
+    for count, program in enumerate(programs, 1):
+        program.say("/haptorb/subscribe")
+        setting.look()
+        assert len(setting.session.sockets) == 1 + count
+    flooding = setting.connect()
+    for program in programs:
+        program.read_all()
+        for _ in range(1500):  # more than the system keeps
+            flooding.send(b"nonsense")
+        program.say("/haptorb/parameters")
+        setting.look()
+        assert {"/haptorb/world": ["dome"]} in program.read_all()
+
+
+@pytest.mark.parametrize("options", [("SO_REUSEADDR",), ("SO_REUSEPORT",), ("SO_REUSEADDR", "SO_REUSEPORT")])
+def test_nobody_else_can_take_the_port(setting: Setting, options: tuple[str, ...]) -> None:
+    for _ in range(2):
+        setting.connect().say("/haptorb/subscribe")
+        setting.look()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
-        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        for option in options:
+            thief.setsockopt(socket.SOL_SOCKET, getattr(socket, option), 1)
         with pytest.raises(OSError, match="in use"):
             thief.bind(setting.address)
+
+
+class Hooked(socket.socket):
+    """A socket that calls `before["bind"]` or `before["connect"]` with the address first."""
+
+    before: ClassVar[dict[str, Callable[[Any], object]]] = {}
+
+    def bind(self, address: Any) -> None:
+        self.before.get("bind", bool)(address)
+        super().bind(address)
+
+    def connect(self, address: Any) -> None:
+        self.before.get("connect", bool)(address)
+        super().connect(address)
+
+
+@pytest.fixture
+def before(monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[[Any], object]]:
+    """What happens before the server binds or connects the socket of a program."""
+    monkeypatch.setattr(Hooked, "before", {})
+    monkeypatch.setattr("haptorb.serve.osc.socket.socket", Hooked)
+    return Hooked.before
+
+
+def test_what_others_send_while_a_socket_is_opened_is_theirs(
+    setting: Setting, before: dict[str, Callable[[Any], object]]
+) -> None:
+    program, others = setting.connect(), [setting.connect() for _ in range(12)]
+
+    def speak(_: Any) -> None:
+        for k, other in enumerate(others):
+            other.say("/haptorb/subscribe", 0, 100 + k)
+
+    before["connect"] = speak
+    program.say("/haptorb/subscribe", 0, 500)
+    setting.session.read_messages()
+    before.clear()
+    setting.look()
+    assert program.read_all() == [{"/haptorb/subscribed": [500.0]}]
+    for k, other in enumerate(others):
+        assert other.read_all() == [{"/haptorb/subscribed": [100.0 + k]}]
+
+
+@pytest.mark.parametrize("others", [0, 520])
+def test_the_last_force_counts_that_was_sent_while_a_socket_was_opened(
+    setting: Setting, before: dict[str, Callable[[Any], object]], others: int
+) -> None:
+    program, flooding = setting.connect(), setting.connect()
+
+    def speak(address: Any) -> None:
+        if address != setting.address:
+            return
+        for _ in range(others):  # so many that this turn does not read all
+            flooding.send(b"nonsense")
+        program.say("/haptorb/force", 0.5, 0.0, 0.0)
+
+    before["bind"] = speak
+    program.say("/haptorb/force", 0.25, 0.0, 0.0)
+    setting.session.read_messages()
+    before.clear()
+    program.say("/haptorb/force", 0.75, 0.0, 0.0)
+    setting.look()
+    setting.look()
+    assert setting.loop.receive()[0] == [0.75, 0.0, 0.0]
+    assert setting.report()["received"] == 3 + others
 
 
 def test_answers_to_nonsense_are_few(setting: Setting) -> None:
@@ -332,6 +415,46 @@ def test_strangers_from_many_ports_do_not_add_up(setting: Setting) -> None:
         stranger.socket.close()
         setting.look()
     assert setting.report()["count"] <= 64
+
+
+def test_the_holder_stays_while_programs_of_this_account_come_and_go(setting: Setting) -> None:
+    holder = setting.connect()
+    holder.say("/haptorb/force", 0.5, 0.0, 0.0)
+    setting.look()
+    session = setting.loop.receive()[1]
+    for _ in range(3):
+        for other in [setting.connect() for _ in range(30)]:
+            other.say("/haptorb/unsubscribe")
+        setting.look()
+    holder.say("/haptorb/force", 0.75, 0.0, 0.0)
+    setting.look()
+    assert setting.loop.receive() == ([0.75, 0.0, 0.0], session)
+    assert holder.read_all() == []
+
+
+def test_nobody_without_the_token_takes_the_place_of_the_holder_or_gets_an_answer() -> None:
+    with PublishedLoop(Remote()) as loop:
+        setting = Setting(loop, token="a-token-of-this-run", beyond=True)
+        holder = setting.connect()
+        holder.say("/haptorb/force", "a-token-of-this-run", 0.5, 0.0, 0.0)
+        setting.look()
+        session = loop.receive()[1]
+        strangers = [setting.connect() for _ in range(80)]
+        for some in (strangers[:40], strangers[40:]):
+            for stranger in some:
+                stranger.send(b"nonsense")
+                stranger.say("/haptorb/force", 9.0, 9.0, 9.0)
+            setting.look()
+        holder.say("/haptorb/force", "a-token-of-this-run", 0.75, 0.0, 0.0)
+        setting.look()
+        assert loop.receive() == ([0.75, 0.0, 0.0], session)
+        assert [one for stranger in strangers for one in stranger.read_all()] == []
+        report = setting.report()
+        assert (report["count"], report["refused"]) == (1, 160)
+        holder.send(b"nonsense")  # who showed the token is told
+        setting.look()
+        assert "/haptorb/error" in holder.read()
+        setting.close()
 
 
 def test_without_the_token_nothing_happens() -> None:
