@@ -390,6 +390,7 @@ RULES = [
     ("osc-reader-account", "a port that passed to another account is sent no rows", "never", ACCOUNT_TESTS),
     ("tracker-account", "another account says not where the tool is", "never", ACCOUNT_TESTS),
     ("natnet-account", "a server of another account says not where the tool is", "never", SECRET_TESTS),
+    ("lsl-waited", "what waited in an LSL stream is not newer than it is", "never", SENDER_TESTS),
     ("one-stream", "of two streams of one name none is a tracker until it is chosen", "never", LSL_TESTS),
     (
         "stream-account",

@@ -98,6 +98,71 @@ def test_a_pose_that_is_sent_twice_leaves_the_clock_as_it_is() -> None:
     assert clock.remark == ""
 
 
+class Inlet:
+    """A stream of the layer on a clock that is moved by hand; `samples`: when each arrives, and its sender's time."""
+
+    def __init__(self) -> None:
+        self.now, self.samples, self.k = 1000.0, list[tuple[float, float]](), 0
+        self.stopped = 0.0  #: how long the next read is stopped
+
+    def pull_sample(self, timeout: float) -> tuple[list[float] | None, float]:
+        arrival = self.samples[0][0] if self.samples else float("inf")
+        ready = arrival <= self.now + timeout
+        self.now = (max(self.now, arrival) if ready else self.now + timeout) + self.stopped + 1e-5
+        self.stopped = 0.0
+        if not ready:
+            return None, 0.0
+        self.k += 1
+        return [1e-6 * self.k, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0], self.samples.pop(0)[1]
+
+    def close_stream(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("where", ["between reads", "in a read", "before the layer has taken the first"])
+@pytest.mark.parametrize("clock", ["rounded", "of this computer", "another"])
+def test_what_waited_in_a_stream_is_never_newer_than_it_is(
+    monkeypatch: pytest.MonkeyPatch, clock: str, where: str
+) -> None:
+    inlet = Inlet()
+    monkeypatch.setattr(lsl_feed, "monotonic", lambda: inlet.now)
+    monkeypatch.setattr(lsl_feed, "lsl_stream", lambda name: None)
+    monkeypatch.setattr(lsl_feed, "_open_inlet", lambda stream: inlet)
+    monkeypatch.setattr(lsl_feed, "StreamWatch", lambda name: SimpleNamespace(poll=list))
+    feed = lsl_feed.LslFeed("poses")
+
+    def add(at: float, least: float = 0.0) -> None:
+        inlet.samples.append((max(at, least), {"rounded": round(at, 1), "another": at - 700.0}.get(clock, at)))
+
+    def read(end: float) -> list[RawPose]:
+        found: list[RawPose] = []
+        while inlet.now < end:
+            found += [one for one in feed.receive(0.05) if isinstance(one, RawPose)]
+        return found
+
+    for k in range(100):
+        add(inlet.now + 0.004 * k)
+    assert all(one.stamp <= one.arrival <= inlet.now for one in read(1000.5))
+    stopped, resumed = inlet.now, inlet.now + 1.6
+    queued = [stopped + 0.005 + 0.03 * k for k in range(50)]
+    for at in queued:
+        add(at, resumed + 0.005 if where == "before the layer has taken the first" else 0.0)
+    if where == "between reads":
+        inlet.now = resumed
+    else:
+        inlet.stopped = 1.6
+    found = read(resumed + 0.1)
+    assert len(found) == len(queued)
+    for one, at in zip(found, queued, strict=True):
+        assert one.stamp <= at + 1e-4
+        assert one.stamp <= one.arrival <= inlet.now
+        assert one.stamp == pytest.approx(at if clock == "of this computer" else stopped, abs=0.03)
+    for k in range(20):
+        add(inlet.now + 0.004 * k)
+    fresh = read(inlet.now + 0.2)
+    assert [one.arrival - one.stamp for one in fresh] == pytest.approx([0.0] * 20, abs=0.06)  # rounded to 0.1 s
+
+
 def test_a_stream_on_another_clock_is_compared_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
     inlet = SimpleNamespace(samples=[], close_stream=lambda: None)
     inlet.pull_sample = lambda timeout: inlet.samples.pop(0) if inlet.samples else (None, None)

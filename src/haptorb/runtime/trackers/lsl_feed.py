@@ -1,6 +1,8 @@
 """Poses as a stream of the lab streaming layer (LSL): seven channels, x y z qx qy qz qw, and optionally valid.
 
-The layer's clock is this computer's monotonic clock in every program that runs on it. The layer has no tokens and
+The layer's clock is this computer's monotonic clock in every program that runs on it. It does not tell when a sample
+arrived: what was queued while this program did not read is dated by the sender's time on that clock, or else as early
+as possible, by the last time that this program read. The layer has no tokens and
 finds streams by multicast; so only streams of this computer are resolved, and only those of this
 account are used. Several streams may have one name: lsl:NAME/SOURCE, with the source id or uid of one, selects it;
 without it, none of them is used.
@@ -17,7 +19,7 @@ from typing import Any, final
 from xml.etree import ElementTree
 
 from haptorb.errors import DriverError
-from haptorb.runtime.sockets import is_own_account, listener_owner
+from haptorb.runtime.sockets import STALL, is_own_account, listener_owner
 from haptorb.runtime.trackers.base import Feed, RawPose, RejectedPose
 from haptorb.runtime.trackers.sender_clock import SenderClock
 
@@ -47,6 +49,7 @@ _MAX_STREAMS = 64  #: streams of one name that are considered
 _CONNECT_TIMEOUT_S = 2.0  #: longest wait for its data
 _MAX_AGE_S = 1.0  #: largest difference of timestamp and arrival of a sample that is stamped on this computer's clock
 _MAX_BATCH = 64  #: most samples read in one batch
+_MAX_READ_S = 0.5 * STALL  #: longest wait of one read, so that a longer one shows that this program was stopped [s]
 
 
 def _library() -> Any:
@@ -184,6 +187,9 @@ class LslFeed(Feed):
         self._where, self._uid = where, "" if stream is None else str(stream.uid())
         self._clock, self._other_clock, self._numbers = SenderClock(), SenderClock(), [0.0]
         self._foreign = self._several = ""
+        self._read_at = monotonic()  # end of the last read
+        self._waiting_since: float | None = None  # samples that are read may have waited since then
+        self._resumed_at = self._read_at
 
     def _find_others(self) -> None:
         """Find the stream again if it is lost, and set the remark if there are several."""
@@ -201,6 +207,7 @@ class LslFeed(Feed):
             with suppress(DriverError):
                 self._inlet, self._uid = _open_inlet(found[0]), str(found[0].uid())
                 self._clock, self._other_clock, self._foreign = SenderClock(), SenderClock(), ""
+                self._read_at, self._waiting_since = monotonic(), None
 
     def receive(self, timeout: float) -> Iterator[RawPose | RejectedPose]:
         """Receive up to 64 samples; wait for the first for at most `timeout` [s]."""
@@ -210,30 +217,57 @@ class LslFeed(Feed):
             return
         for _ in range(_MAX_BATCH):
             try:
-                values, sent = self._inlet.pull_sample(timeout=timeout)
+                values, sent = self._read(timeout)
             except Exception:  # the stream is lost: the last pose expires
                 self.close()
                 return
             if values is None:
                 return
-            arrival, timeout = monotonic(), 0.0
+            timeout = 0.0
             numbers = [float(x) for x in values]
-            stamp = self._stamp(float(sent), arrival, numbers)
+            stamp, arrival = self._date(float(sent), self._read_at, numbers)
             if len(numbers) == 8 and not numbers[7] > 0.5:
                 yield RawPose((), (), stamp, arrival, False) if isfinite(numbers[7]) else RejectedPose("not_finite")
             else:
                 yield RawPose(tuple(numbers[:3]), tuple(numbers[3:7]), stamp, arrival)
+
+    def _read(self, timeout: float) -> tuple[Any, float]:
+        """Read a sample and its sender's time; None if there is none within `timeout` [s].
+
+        A gap between two reads, or in one, shows that this program was stopped: samples may have waited since then,
+        until the queue is empty. The layer's own thread, stopped as well, takes a moment to fill it."""
+        end = monotonic() + timeout
+        while True:
+            wait = min(max(end - monotonic(), 0.0), _MAX_READ_S)
+            values, sent = self._inlet.pull_sample(timeout=wait)
+            before, self._read_at = self._read_at, monotonic()
+            if self._read_at - before > wait + STALL:
+                self._resumed_at = self._read_at
+                self._waiting_since = before if self._waiting_since is None else self._waiting_since
+            elif values is None and self._read_at - self._resumed_at > STALL:
+                self._waiting_since = None
+            if values is not None or self._read_at >= end:
+                return values, sent
 
     @property
     def remark(self) -> str:
         """Remark that there are several streams, or why the sender's times are not used; empty else."""
         return self._several or self._clock.remark or self._foreign
 
-    def _stamp(self, sent: float, arrival: float, numbers: list[float]) -> float:
-        """Time of the measurement of a sample on the monotonic clock [s]."""
+    def _date(self, sent: float, now: float, numbers: list[float]) -> tuple[float, float]:
+        """Times of measurement and arrival of a sample that was read `now`, on the monotonic clock [s]."""
         if not isfinite(sent):
-            return sent
+            return sent, now
         changed, self._numbers = numbers != self._numbers, numbers
+        since = self._waiting_since
+        if since is not None:  # safety: lsl-waited
+            known = not (self._clock.remark or self._foreign) and since - _MAX_AGE_S <= sent <= now
+            stamp = sent if known else since
+            return stamp, max(stamp, since)
+        return self._stamp(sent, now, changed=changed), now
+
+    def _stamp(self, sent: float, arrival: float, *, changed: bool) -> float:
+        """Time of the measurement of a sample that did not wait [s]."""
         self._clock.stamp(sent, arrival, changed=changed)
         if self._clock.remark:
             return arrival
