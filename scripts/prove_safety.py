@@ -413,6 +413,12 @@ RULES = [
     ("native-exit-told", "the loop is told of a program's end", "never", NATIVE_TESTS),
     ("native-own-commands-only", "a command under another claim is none", "never", NATIVE_TESTS),
     ("serve-origin", "pages of other sites command no device", "never", ACCESS_TESTS),
+    (
+        "file-page-token",
+        "a page from a file sees the live view with the token only",
+        "replace value by True",
+        "tests/serve/foxglove/test_viewer_connection.py",
+    ),
     ("serve-host", "a name that is not this computer's reaches no server", "never", ACCESS_TESTS),
     ("osc-finite", "an OSC message's numbers are finite", "never", "tests/serve/osc/test_requests.py"),
     ("osc-token", "an OSC message from beyond this computer needs the token", "never", OSC_TESTS),

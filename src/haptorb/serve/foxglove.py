@@ -64,6 +64,7 @@ from haptorb.web.access import LOOPBACK, Access, choose_serve_token, is_own_conn
 
 __all__ = [
     "ARROW_LENGTH_M",
+    "DESKTOP",
     "FORM",
     "MAX_QUEUED_MESSAGES",
     "MOVER",
@@ -649,15 +650,19 @@ _MAX_VIEWERS = 16  #: viewers at the same time
 _MAX_MESSAGE_BYTES = 65536  #: longest message of a viewer [bytes]
 _MAX_UNSENT_BYTES = 65536  #: write buffer of a connection [bytes]; further messages wait in the viewer's queue
 
-#: origins of Foxglove in the browser and on the desktop, and of pages of this computer, such as a user's own viewer
-PAGES = r"https://([a-z0-9-]+\.)*foxglove\.dev|file://"  #: origins of Foxglove in a browser, and of the program
+PAGES = r"https://([a-z0-9-]+\.)*foxglove\.dev"  #: origins of Foxglove in a browser
+#: Origin of Foxglove Studio and Lichtblick on the desktop, whose window is a page from a file. A browser sends the same
+#: for any HTML file that somebody opens, so it needs the token.
+DESKTOP = "file://"
 
 
 def prepare(where: str) -> ServerPreparation:
     """Open the PORT. Raises InputError if it is not available."""
+    token = choose_serve_token(LOOPBACK, always=True)
     opened = open_port(check_port(where, FORM) if where else PORT, f"--serve {FORM}")
     address = f"ws://{LOOPBACK}:{opened.getsockname()[1]}"
-    return ServerPreparation({"address": address, "token": choose_serve_token(LOOPBACK)}, address, [opened.detach()])
+    remarks = (f"Foxglove's and Lichtblick's desktop program: open {address}/?token={token}",)
+    return ServerPreparation({"address": address, "token": token}, address, [opened.detach()], remarks)
 
 
 def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) -> None:
@@ -668,7 +673,7 @@ def serve(spec: dict[str, Any], descriptors: list[int], served: ServedDevice) ->
 @final
 class _FoxgloveServer:
     def __init__(self, served: ServedDevice, address: str, token: str) -> None:
-        self._served, self._address, self._access = served, address, Access(token, PAGES)
+        self._served, self._address, self._access = served, address, Access(token, PAGES, DESKTOP)
         self._view = LiveView(served)
         self._refused = self._dropped = 0
         self._last = monotonic()

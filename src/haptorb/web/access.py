@@ -99,13 +99,14 @@ def choose_token() -> str:
     return _read_token(TOKEN) or secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS)
 
 
-def choose_serve_token(host: str) -> str:
+def choose_serve_token(host: str, *, always: bool = False) -> str:
     """Return the token that clients of other accounts must send: HAPTORB_SERVE_TOKEN of the environment, or a new one.
 
-    Without that variable it is empty for a loopback `host`: only this account may connect.
+    Without that variable it is empty for a loopback `host`, except with `always`: only this account may connect.
     Raises InputError if the variable is not a valid token.
     """
-    return _read_token(SERVE_TOKEN) or ("" if is_loopback(host) else secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS))
+    new = always or not is_loopback(host)
+    return _read_token(SERVE_TOKEN) or (secrets.token_urlsafe(_MIN_TOKEN_CHARACTERS) if new else "")
 
 
 def _read_token(variable: str) -> str:
@@ -266,13 +267,15 @@ class Access:
     """Access control of one server with its `token`; empty: only programs of this account may use it.
 
     pages: regular expression of other origins whose pages may use it, beside those of this computer; initially none.
+    pages_with_token: the same for origins whose pages may use it with the token.
 
     A page of another site could open a WebSocket to this computer (browsers allow it) and move the device: the check
     of Origin prevents it. A page whose host name resolves to 127.0.0.1 is refused by the check of Host.
     """
 
-    def __init__(self, token: str = "", pages: str = "(?!)") -> None:
+    def __init__(self, token: str = "", pages: str = "(?!)", pages_with_token: str = "(?!)") -> None:
         self._token, self._pages = token, re.compile(pages)
+        self._pages_with_token = re.compile(pages_with_token)
 
     def refuse(self, peer: str, headers: Mapping[str, str], target: str, *, own: bool) -> str:
         """Reason to refuse a request from the address `peer` for `target`; empty: it is accepted.
@@ -282,6 +285,13 @@ class Access:
         near = is_loopback(peer)
         origin = headers.get("origin")
         known = origin is None or _is_local_origin(origin) or self._pages.fullmatch(origin.lower()) is not None
+        if not known and origin is not None and self._pages_with_token.fullmatch(origin.lower()):
+            known = self._is_authorized(headers, target)  # safety: file-page-token
+            if not known:
+                return (
+                    f"pages of '{origin[:100]}' need the token that `haptorb run` printed, in the address as "
+                    "?token=TOKEN"
+                )
         if not known:  # safety: serve-origin
             return f"pages of '{str(origin)[:100]}' may not use this server; open the page from this computer"
         host = headers.get("host", "")
@@ -323,6 +333,7 @@ def is_own_connection(peer: Sequence[Any] | None, own: Sequence[Any] | None) -> 
 def _is_local_origin(origin: str) -> bool:
     """Whether this Origin is a page of this computer, on any port."""
     try:
-        return is_loopback(urlsplit(origin).hostname or "")
+        parts = urlsplit(origin)
+        return parts.scheme in ("http", "https") and is_loopback(parts.hostname or "")
     except ValueError:
         return False

@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from haptorb.serve.foxglove import MAX_QUEUED_MESSAGES, PAGES, ViewerConnection
+from haptorb.serve.foxglove import DESKTOP, MAX_QUEUED_MESSAGES, PAGES, ViewerConnection, prepare
 from haptorb.web.access import Access
 
 
@@ -77,7 +77,8 @@ def test_a_viewer_subscribes_to_so_much_only() -> None:
         ("https://foxglove.dev.example.org", "localhost:8766", False),
         ("https://notfoxglove.dev", "localhost:8766", False),
         ("null", "localhost:8766", False),
-        ("file://", "localhost:8766", True),
+        ("file://", "localhost:8766", False),
+        ("file://localhost", "localhost:8766", False),
         ("", "localhost:8766", False),
         ("http://localhost.example.org", "localhost:8766", False),
         (None, "example.org:8766", False),
@@ -86,4 +87,28 @@ def test_a_viewer_subscribes_to_so_much_only() -> None:
 )
 def test_pages_of_other_sites_may_not_look_on(origin: str | None, host: str | None, trusted: bool) -> None:
     headers = {name: value for name, value in (("origin", origin), ("host", host)) if value is not None}
-    assert (Access("", PAGES).refuse("127.0.0.1", headers, "/", own=True) == "") is trusted
+    access = Access("a-token-of-this-run", PAGES, DESKTOP)
+    assert (access.refuse("127.0.0.1", headers, "/", own=True) == "") is trusted
+
+
+@pytest.mark.parametrize(
+    ("origin", "target", "trusted"),
+    [
+        ("file://", "/?token=a-token-of-this-run", True),
+        ("file://", "/?token=another", False),
+        ("null", "/?token=a-token-of-this-run", False),
+        ("https://example.org", "/?token=a-token-of-this-run", False),
+    ],
+)
+def test_a_page_from_a_file_may_look_on_with_the_token(origin: str, target: str, trusted: bool) -> None:
+    headers = {"origin": origin, "host": "localhost:8766"}
+    access = Access("a-token-of-this-run", PAGES, DESKTOP)
+    assert (access.refuse("127.0.0.1", headers, target, own=True) == "") is trusted
+
+
+def test_the_desktop_program_is_told_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("HAPTORB_SERVE_TOKEN", raising=False)
+    prepared = prepare("0")
+    prepared.close()
+    assert len(prepared.spec["token"]) >= 16
+    assert f"{prepared.address}/?token={prepared.spec['token']}" in prepared.remarks[0]
