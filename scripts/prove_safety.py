@@ -369,6 +369,12 @@ RULES = [
     ("late-requests", "an OSC request that waited for long changes no world", "replace value by False", OSC_LATE_TESTS),
     ("holder-maps", "only the holder changes its mapping", "never", HANDOVER_TESTS),
     ("mapping-counts", "the loop knows of another mapping", "drop", HANDOVER_TESTS),
+    (
+        "clock-step",
+        "a datagram is not newer because the computer's clock was set",
+        "never",
+        "tests/runtime/test_arrival_time.py::test_a_clock_that_was_set_meanwhile_makes_nothing_new",
+    ),
     ("own-account", "another account is not this one", "replace value by True", OWNER_TESTS),
     ("orphaned-socket", "a connection that no program has is nobody's", "replace value by True", OWNER_TESTS),
     ("one-owner", "a port of two accounts is nobody's", "replace value.test by True", OWNER_TESTS),

@@ -61,7 +61,8 @@ class DatagramTimes:
 
     def find(self, notes: list[tuple[int, int, bytes]]) -> float:
         """Return the arrival time of the datagram with the ancillary data `notes`, on the monotonic clock [s]."""
-        if abs(self._shift - self._last_shift) > _CLOCK_STEP_NS:  # the clock was set: timestamps are invalid
+        # The clock was set: timestamps are invalid.
+        if abs(self._shift - self._last_shift) > _CLOCK_STEP_NS:  # safety: clock-step
             return 1e-9 * self._before
         for level, kind, data in notes:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIME.size:
