@@ -272,9 +272,17 @@ BREAKS = (
             "Another account of the computer moves",
             "python benchmarks/safety/other_accounts.py",
             change,
-            "--attempts 80",
+            "--attempts 98",
         )
-        for change in ("serve-account", "osc-token", "tracker-account", "secret-by-pipe", "study-token")
+        for change in (
+            "serve-account",
+            "osc-token",
+            "osc-port-of-account",
+            "tracker-account",
+            "secret-by-pipe",
+            "study-token",
+            "report-token",
+        )
     ),
     Break("A database's password", "pytest tests/cli/test_passwords.py", "no-password-in-words"),
     Break("Hostile connections take neither", HOSTILE_WEB, "few-connections", "--connections 400 --seconds 6"),

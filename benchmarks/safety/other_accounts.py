@@ -2,15 +2,17 @@
 
     python benchmarks/safety/other_accounts.py [--attempts N]        (as root: it starts a process of the account 65534)
 
-`haptorb run` renders clients' forces with console, the servers `haply`, `osc` and `foxglove`, and a tracker `osc`: with
-everything on loopback, without any token and with one, and with tracker and OSC server open to the network. A program
-of this account watches through `haply` and sends poses, in some of the runs only until the attack begins. A process
-that has given up this account for good tries in turn: WebSockets of `haply`, `foxglove` and console; requests of
-`haply` over HTTP; forces, subscriptions, parameters and worlds by OSC; poses and losses for the tracker; the arguments
-and environments of all processes, shared memory and temporary files, where it looks for the tokens. Every attempt that
-is answered with more than a refusal counts, and so does a session that holds the device, a force, or a pose that is not
-the sender's. Then the pages of `haptorb study run`, whose participant's page is open: every event that one without the
-token is told counts.
+`haptorb run` renders clients' forces with console, the servers `haply`, `osc`, `foxglove` and `native`, and a tracker
+`osc`: with everything on loopback, without any token and with one, and with tracker and OSC server open to the network.
+A program of this account watches through `haply` and sends poses, in some of the runs only until the attack begins; 200
+programs a second of this account come to the OSC server, with the token where there is one. A process that has given
+up this account for good tries in turn: to bind each port, while these programs come; WebSockets of `haply`, `foxglove`
+and console; requests of `haply` over HTTP; forces, subscriptions, parameters and worlds by OSC; poses and losses for
+the tracker; the arguments, environments and files of all processes, shared memory and temporary files, where it looks
+for the tokens, given and generated. Every attempt that is answered with more than a refusal counts, and so does a
+session that holds the device, a force, or a pose that is not the sender's. Then the pages of `haptorb study run`, whose
+participant's page is open: every event that one without the token is told counts. Last the pages of a recording, of a
+study's report and of found designs.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import argparse
 import encodings.idna  # noqa: F401  # another account may not be able to read Python's own files any more
 import json
 import os
+import re
 import secrets
 import signal
 import socket
@@ -46,7 +49,7 @@ MOVED = 2e-3  #: of the pose, that no noise makes [m]
 #: where tracker and OSC server listen, whether there are tokens, whether this account goes on sending poses
 RUNS = (
     ("127.0.0.1", False, True), ("127.0.0.1", False, False), ("127.0.0.1", True, True), ("0.0.0.0", True, True),
-    ("0.0.0.0", True, False),
+    ("0.0.0.0", False, False),
 )  # fmt: skip
 START = 240.0  #: for a run whose code must be compiled first [s]
 UPGRADE = (
@@ -57,6 +60,25 @@ STUDY = (
     'name = "watched"\n[set_points]\npoints = [{ number = 1, theta_deg = 0 }, { number = 2, theta_deg = 36 }]\n'
     "[trials]\nrepetitions = 1\n"
 )
+PAGES = """
+import os, sys, threading
+from types import SimpleNamespace
+from haptorb.web.view import Viewer
+from haptorb_design.chooser import Chooser
+from haptorb_study.pages.report_server import ReportServer
+pages = {
+    "view": Viewer([sys.argv[1]], 0), "report": ReportServer("<p>a report</p>", [], 0),
+    "chooser": Chooser(SimpleNamespace(describe=lambda: {"designs": []}, found=[]), 0),
+}
+for name, page in pages.items():
+    threading.Thread(target=page.serve, daemon=True).start()
+    print(name, page.url, flush=True)
+sys.stdin.read()
+os._exit(0)
+"""
+TAKING = 0.5  #: one attempt to bind the ports [s]
+#: a token in what a run prints
+TOKEN = re.compile(r"(?:token[^:\n]*: |token=|#)([A-Za-z0-9_-]{16,})")
 PUSH = {"inverse3": [{"commands": {"set_cursor_force": {"vector": {"x": 0.5, "y": 0.0, "z": 0.0}}}}]}
 
 
@@ -77,6 +99,7 @@ class Stranger:
     def __init__(self, ports: dict[str, int], tokens: list[str]) -> None:
         self.ports, self.tokens = ports, [one.encode() for one in tokens]
         self.attempts: list[Callable[[], str]] = [
+            self.take_ports,
             lambda: self.upgrade("haply"), lambda: self.upgrade("events"), lambda: self.upgrade("foxglove"),
             lambda: self.upgrade("console", "/ws"), lambda: self.request("GET", "/devices"),
             lambda: self.request("POST", "/inverse3/0/config/workspace", '{"scale": -1}'),
@@ -95,6 +118,43 @@ class Stranger:
                 partial(self.open_page, page, word) for word in words for page in ("participant", "experimenter")
             ]
             self.attempts.append(self.read_processes)
+        if "view" in ports:
+            word = secrets.token_urlsafe(16)
+            self.attempts = [
+                partial(self.request, "GET", "/api/view", port="view"),
+                partial(self.request, "GET", "/api/session?recording=0", port="view"),
+                partial(self.request, "GET", "/api/overview?recording=0", port="view"),
+                partial(self.upgrade, "view", "/ws?recording=0"),
+                partial(self.request, "GET", f"/{word}/", port="report"),
+                partial(self.request, "GET", f"/{word}/play/0", port="report"),
+                *(partial(self.request, "GET", path, port="chooser") for path in ("/api/designs", "/api/now")),
+                partial(self.request, "POST", "/api/choose", '{"row": -1}', port="chooser"),
+                partial(self.request, "POST", "/api/stop", port="chooser"), self.read_processes,
+            ]  # fmt: skip
+
+    def take_ports(self) -> str:
+        """Bind each port, again and again: a server lets in another socket for a moment, if it does."""
+        end, n = time.monotonic() + TAKING, 0
+        ways = [(socket.SO_REUSEADDR,), (socket.SO_REUSEPORT,), (socket.SO_REUSEADDR, socket.SO_REUSEPORT)]
+        while time.monotonic() < end:
+            n += 1
+            for name, port in self.ports.items():
+                kind = socket.SOCK_DGRAM if name in ("osc", "tracker") else socket.SOCK_STREAM
+                if kind == socket.SOCK_STREAM and n > 6:
+                    continue
+                with socket.socket(socket.AF_INET, kind) as taken, suppress(OSError):
+                    for option in ways[n % 3]:
+                        taken.setsockopt(socket.SOL_SOCKET, option, 1)
+                    taken.bind((("127.0.0.1", "0.0.0.0")[n % 2], port))
+                    if kind == socket.SOCK_STREAM:
+                        taken.listen()
+                        return f"the port of {name}"
+                    taken.settimeout(1.0)
+                    with suppress(TimeoutError):
+                        if any(token in taken.recv(4096) for token in self.tokens):
+                            return f"the port of {name}, and a token"
+                    return f"the port of {name}"
+        return ""
 
     def _exchange(self, port: int, data: str) -> bytes:
         with socket.create_connection(("127.0.0.1", port), timeout=1.0) as client:
@@ -118,10 +178,10 @@ class Stranger:
                     answer += part
         return f"an event of the {page}'s page of a study" if b'"event"' in answer else ""
 
-    def request(self, method: str, path: str, body: str = "") -> str:
+    def request(self, method: str, path: str, body: str = "", port: str = "haply") -> str:
         head = f"{method} {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n\r\n{body}"
-        answer = self._exchange(self.ports["haply"], head)
-        return "" if b" 200 " not in answer.splitlines()[0] else f"an answer of haply to {method} {path}"
+        answer = self._exchange(self.ports[port], head)
+        return "" if b" 200 " not in answer.splitlines()[0] else f"an answer of {port} to {method} {path}"
 
     def datagrams(self, name: str, data: bytes) -> str:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -149,11 +209,15 @@ class Stranger:
                 with suppress(OSError):
                     if any(token in (process / name).read_bytes() for token in self.tokens):
                         return f"a token in {name} of a process"
+            with suppress(OSError):
+                if process.stat().st_uid != NOBODY and [*(process / "fd").iterdir()]:
+                    return "the open files of a process"
         return ""
 
     def read_files(self) -> str:
-        found = [*Path("/dev/shm").glob("haptorb*"), *Path("/tmp").glob("haptorb*"), *Path("/tmp").glob("haptorb*/*")]
-        for path in found:
+        folders = [Path("/dev/shm"), Path("/tmp")]
+        folders += [one for folder in folders for one in folder.glob("haptorb*") if one.is_dir()]
+        for path in [path for one in folders for path in one.glob("haptorb*" if one in folders[:2] else "*")]:
             with suppress(OSError), path.open("rb") as file:
                 file.read(1)
                 if path.suffix not in (".lock",):
@@ -196,41 +260,73 @@ def attack_as_another(count: int, ports: dict[str, int], tokens: list[str]) -> d
 class Run:
     """A run of haptorb, a program of this account that sends poses, and one that watches."""
 
-    def __init__(self, host: str, tokens: bool) -> None:
+    def __init__(self, host: str, tokens: bool, recording: Path | None = None) -> None:
         names = ("console", "haply", "events", "osc", "foxglove", "tracker")
         self.ports = {name: free_port() for name in names}
-        names = ("HAPTORB_TOKEN", "HAPTORB_TRACKER_TOKEN") if tokens else ()
-        self.tokens = {name: secrets.token_urlsafe(16) for name in names}
+        names = ("HAPTORB_TOKEN", "HAPTORB_TRACKER_TOKEN", "HAPTORB_SERVE_TOKEN") if tokens else ()
+        self.given = {name: secrets.token_urlsafe(16) for name in names}
+        self.tokens = list[str]()  #: given and generated
+        self.tracker_token = self.serve_token = ""
         self.silent = False  #: nobody else says where the tool is
         self.beyond = host != "127.0.0.1"
         ports = self.ports
         command = [
             sys.executable, "-c", COMMAND, "run", "omni", "--world", "remote", "--port", str(ports["console"]),
             "--serve", f"haply:{ports['haply']}:{ports['events']}", "--serve", f"osc:{host}:{ports['osc']}",
-            "--serve", f"foxglove:{ports['foxglove']}", "--tracker", f"osc:{host}:{ports['tracker']}",
+            "--serve", f"foxglove:{ports['foxglove']}", "--serve", "native",
+            "--tracker", f"osc:{host}:{ports['tracker']}",
         ]  # fmt: skip
+        if recording is not None:
+            command += ["--record", str(recording)]
         self.process = subprocess.Popen(
-            command, env={**os.environ, **self.tokens}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            command, env={**os.environ, **self.given}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
-        self.over, self.faults, self.looks = threading.Event(), Counter[str](), 0
-        self.threads = [threading.Thread(target=one) for one in (self.send, self.watch)]
+        self.said = ""
+        self.over, self.faults, self.looks, self.answers = threading.Event(), Counter[str](), 0, 0
+        self.threads = [threading.Thread(target=one) for one in (self.send, self.watch, self.talk)]
+        self.reader = threading.Thread(target=self.read, daemon=True)
+        self.reader.start()
 
     def __enter__(self) -> Run:
         end = time.monotonic() + START
         while True:
             with suppress(OSError, WebSocketException), connect(f"ws://127.0.0.1:{self.ports['haply']}"):
-                break
+                if "Open http" in self.said:
+                    break
             if time.monotonic() > end or self.process.poll() is not None:
                 self.process.kill()
-                raise SystemExit(f"the run did not start: {self.process.communicate()[1][-2000:]}")
+                raise SystemExit(f"the run did not start: {self.said[-2000:]}")
             time.sleep(0.2)
+        self.tokens = [*{*self.given.values(), *TOKEN.findall(self.said)}]
+        lines = {"poses": "", "OSC messages": ""}
+        for line in self.said.splitlines():
+            lines.update({mark: TOKEN.findall(line)[0] for mark in lines if mark in line and TOKEN.search(line)})
+        self.tracker_token = lines["poses"] or self.given.get("HAPTORB_TRACKER_TOKEN", "")
+        self.serve_token = lines["OSC messages"] or self.given.get("HAPTORB_SERVE_TOKEN", "")
+        if self.beyond and not (self.tracker_token and self.serve_token):
+            raise SystemExit(f"the run has printed no token: {self.said[-2000:]}")
         for thread in self.threads:
             thread.start()
         time.sleep(2.0)
         return self
 
+    def read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.said += line
+
+    def talk(self) -> None:
+        """Programs of this account come to the OSC server, one after another."""
+        data = osc("/haptorb/parameters", *([self.serve_token] if self.serve_token else []))
+        while not self.over.wait(0.005):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+                program.settimeout(0.2)
+                program.sendto(data, ("127.0.0.1", self.ports["osc"]))
+                with suppress(OSError):
+                    self.answers += program.recv(4096).startswith(b"/haptorb/world")
+
     def send(self) -> None:
-        token = [self.tokens["HAPTORB_TRACKER_TOKEN"]] if self.beyond else []
+        token = [self.tracker_token] if self.beyond else []
         data = osc("/haptorb/pose", *token, *PLACE, 0.0, 0.0, 0.0, 1.0)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             while not self.over.wait(0.005):
@@ -268,6 +364,32 @@ class Run:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+
+
+class Pages:
+    """The pages of a recording, of a study's report and of found designs, in one process."""
+
+    def __init__(self, recording: Path) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", PAGES, str(recording)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        self.ports, self.tokens = dict[str, int](), list[str]()
+        for line in self.process.stdout:
+            name, _, url = line.strip().partition(" ")
+            found = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#?([A-Za-z0-9_-]+)/?", url)
+            if found is None:
+                raise SystemExit(f"no address of a page: {line}")
+            self.ports[name] = int(found[1])
+            self.tokens.append(found[2])
+            if len(self.ports) == 3:
+                break
+        else:
+            raise SystemExit("the pages did not start")
+        time.sleep(1.0)
+
+    def close(self) -> None:
+        self.process.communicate(timeout=30.0)
 
 
 class StudyRun:
@@ -328,29 +450,39 @@ def main() -> int:
         print("only root can start a process of another account; run this as root")
         return 2
     tried, got = 0, Counter[str]()
-    share = count // (len(RUNS) + 1)
-    for host, tokens, sends in RUNS:
-        with Run(host, tokens) as run:
-            run.silent = not sends
-            found = attack_as_another(share, run.ports, list(run.tokens.values()))
+    share = count // (len(RUNS) + 2)
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder, "run.mcap")
+        for host, tokens, sends in RUNS:
+            with Run(host, tokens, None if recording.exists() else recording) as run:
+                run.silent = not sends
+                found = attack_as_another(share, run.ports, run.tokens)
             tried += found["tried"]
             got.update(found["got"])
             got.update(run.faults)
             print(
                 f"tracker and OSC server at {host}, {'with' if tokens else 'no'} tokens, this account "
                 f"{'sends' if sends else 'does not send'} poses: {found['tried']} attempts, "
-                f"{sum(found['got'].values())} got something; {run.looks} looks at the device by this account"
+                f"{sum(found['got'].values())} got something; {run.looks} looks at the device and {run.answers} OSC "
+                "programs of this account"
             )
             if not run.looks:
                 got["this account could not watch"] += 1
-    with tempfile.TemporaryDirectory() as folder:
+            if not run.answers:
+                got["this account could not use the OSC server"] += 1
         study = StudyRun(Path(folder))
-        found = attack_as_another(count - share * len(RUNS), study.ports, study.tokens)
+        found = attack_as_another(share, study.ports, study.tokens)
         tried += found["tried"]
         got.update(found["got"])
         if fault := study.close():
             got[fault] += 1
         print(f"pages of a study: {found['tried']} attempts, {sum(found['got'].values())} got something")
+        pages = Pages(recording)
+        found = attack_as_another(count - share * (len(RUNS) + 1), pages.ports, pages.tokens)
+        tried += found["tried"]
+        got.update(found["got"])
+        pages.close()
+        print(f"other pages: {found['tried']} attempts, {sum(found['got'].values())} got something")
     for what, times in got.items():
         print(f"{times} times: {what}")
     print(f"{sum(got.values())} of {tried} attempts of another account moved a coil, read a pose or a token")
