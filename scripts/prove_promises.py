@@ -307,7 +307,18 @@ BREAKS = (
     Break("Text of a file does nothing", "pytest tests/contracts/test_poisoned_files.py", "text-visible", "-k info"),
     Break("A file of another kind", "pytest tests/contracts/test_file_kinds.py", "kind-told", "-k info"),
     Break("A database computes nothing", "pytest tests/contracts/test_strangers_databases.py", "database-schema"),
-    Break("A scene reads files of its own", "pytest tests/worlds/scene/test_strangers_scenes.py", "named-inside"),
+    *(
+        Break("A scene reads files of its own", "pytest tests/worlds/scene/test_strangers_scenes.py", change)
+        for change in (
+            "named-inside",
+            "plain-names",
+            "compiler-opens-nothing",
+            "scene-elements",
+            "compile-time",
+            "compile-memory",
+            "compiled-apart",
+        )
+    ),
     Break(
         "A file is read, or rejected",
         "python tests/fuzz/hostile_files.py",

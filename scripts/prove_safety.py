@@ -36,6 +36,10 @@ POISONED, DATABASES = "tests/contracts/test_poisoned_files.py", "tests/contracts
 POISONED_TEST = f"{POISONED}::test_text_of_a_strangers_file_is_shown_and_does_nothing"
 KIND_TEST = "tests/contracts/test_file_kinds.py::test_a_file_of_another_kind_is_called_by_its_name[info FILE]"
 SCENE_TESTS = "tests/worlds/scene/test_strangers_scenes.py"
+OUTSIDE_TEST, ARCHIVE_TEST = "test_no_form_of_a_name_reads_outside", "test_an_archive_is_refused_by_its_content"
+COMPILER_TEST = "test_the_compiler_opens_nothing_even_if_the_check_missed_it"
+SIZE_TEST = "test_files_that_include_each_other_are_counted_once"
+TIME_TEST, MEMORY_TEST = "test_a_compiler_that_takes_too_long_is_ended", "test_a_compiler_that_takes_too_much_is_ended"
 CACHE_TESTS = "tests/test_cache_folder.py"
 CONSOLE_TESTS, PAGES_TESTS = "tests/web/console/test_socket_hub.py", "tests/study/pages/test_pages.py"
 MERGE_TESTS = "tests/study/database/test_merge.py"
@@ -111,7 +115,14 @@ RULES = [
         KIND_TEST,
     ),
     ("named-inside", "a scene reads no file elsewhere", "never", SCENE_TESTS),
-    ("scene-checked", "a scene is looked at before MuJoCo sees it", "drop", SCENE_TESTS),
+    ("scene-checked", "a scene is looked at before MuJoCo sees it", "replace value by {}", SCENE_TESTS),
+    ("plain-names", "a name that MuJoCo reads otherwise is refused", "never", f"{SCENE_TESTS}::{OUTSIDE_TEST}"),
+    ("no-archive", "an archive in a scene is refused", "never", f"{SCENE_TESTS}::{ARCHIVE_TEST}"),
+    ("compiler-opens-nothing", "MuJoCo opens no file while it compiles", "drop", f"{SCENE_TESTS}::{COMPILER_TEST}"),
+    ("scene-elements", "a scene has no more elements than there can be", "never", f"{SCENE_TESTS}::{SIZE_TEST}"),
+    ("compile-time", "a compiler that takes too long is ended", "drop", f"{SCENE_TESTS}::{TIME_TEST}"),
+    ("compile-memory", "a compiler that takes too much memory is ended", "drop", f"{SCENE_TESTS}::{MEMORY_TEST}"),
+    ("compiled-apart", "a scene is compiled in a process of its own", "always", f"{SCENE_TESTS}::{MEMORY_TEST}"),
     (
         "database-link",
         "a link beside a database is not obeyed",

@@ -14,20 +14,21 @@ class ProcessFailure(Exception):
     """The program failed; the message is one sentence in which "it" is the file."""
 
 
-def run_limited(program: Path, words: Sequence[str], folder: Path, seconds: int, memory: int) -> None:
+def run_limited(
+    program: Path, words: Sequence[str], folder: Path, seconds: int, memory: int, given: bytes = b""
+) -> None:
     """Run the Python file `program`, which needs the standard library only and calls `set_limits`, in `folder`.
 
     seconds  processor time limit [s]; wall-clock limit: twice as much
     memory   limit [bytes]
+    given    what it reads from its standard input
 
     It ignores Python's environment variables and the working directory. Raises ProcessFailure with its output if its
     exit code is not 0, or with the limit that it exceeded.
     """
     command = [sys.executable, "-I", "-S", str(program), str(seconds), str(memory), *words]
     try:
-        done = subprocess.run(
-            command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, timeout=2 * seconds, check=False
-        )
+        done = subprocess.run(command, cwd=folder, input=given, capture_output=True, timeout=2 * seconds, check=False)
     except subprocess.TimeoutExpired as cause:
         raise ProcessFailure(f"it takes longer than {2 * seconds} s; make it smaller") from cause
     if done.returncode == 0:
@@ -47,6 +48,6 @@ def set_limits(seconds: int, memory: int, largest: int) -> None:
     import resource  # not at the top: Windows lacks it
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # safety: compile-time
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))  # safety: compile-memory
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))

@@ -4,7 +4,8 @@ A child takes one file after the other through `haptorb.cli.main`. An audit hook
 imports and starts; the parent sees how it ends. Wrong is: an exit code other than 0, 1 and 2, a traceback, the end of
 the interpreter, 2 s of the processor more than for a good file, a canary file that is opened, a canary module that is
 imported or run, a program that is started, a socket that is connected, a file that is written elsewhere, a good file
-that is refused.
+that is refused. MuJoCo opens files in a process of its own, which no hook sees: of each form in which a scene can name
+a file outside, one scene is complete with that file only, and must be refused.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ import lz4.frame
 import zstandard
 
 from fuzz.good_files import NAMES, fill_whole
+from fuzz.reading_scenes import READING, make_reading_scene, write_outside
 from haptorb.file_kind import FileKind
 from haptorb.worlds.scene_physics import load_engine
 
@@ -46,6 +48,7 @@ SLOW = 2.0  #: of the processor for one file, more than for a good one [s]
 HUNG = 30.0  #: of the processor [s]: a busy computer is no fault of a file
 WAITED = 900  #: by the clock [s], for what uses no processor
 _loaded: set[str] = set()  #: commands whose code this process has loaded
+OUTSIDE = "outside: "  #: begins the title of a file that is read only if one outside is read
 GOOD = "a good file"  #: the title of a file that may not be refused: a command that reads none tries nothing
 
 #: kind of file → the commands that read it
@@ -104,8 +107,10 @@ def make_ground(folder: Path) -> tuple[Path, Path]:
     """(where files lie and commands run, what lies outside) in `folder`: canaries, a pipe, links."""
     inside, outside = folder / "inside", folder / "outside"
     inside.mkdir(parents=True)
-    outside.mkdir()
+    write_outside(outside)
     fill_whole(inside)
+    for form in READING:
+        make_reading_scene(form, inside, outside)  # the files that it includes
     for name in ("canary.toml", "canary.xml", "canary.obj", "canary.mcap", "canary.png"):
         (outside / name).write_text("name = 'canary'\n")
     mark = outside / "RAN"
@@ -213,6 +218,8 @@ def _try_part(
                 found.usual[command] = one["seconds"]
             if one["seconds"] > SLOW + found.usual.get(command, 0.0):
                 found.wrong.append(f"{title} ({command}): {one['seconds']:.1f} s")
+            if title.startswith(OUTSIDE) and one["code"] != 2:
+                found.wrong.append(f"{title} ({command}): read a file outside")
             if title == GOOD and one["code"] == 2:
                 found.wrong.append(f"{title} ({command}): refused: {one['said']}")
     status = os.waitpid(pid, 0)[1]
@@ -423,6 +430,9 @@ def craft_files(inside: Path, outside: Path) -> Iterator[tuple[str, str, str, by
     yield from _craft_notes((inside / NAMES[K.RECORDING]).read_bytes(), canary)
     yield from _craft_databases(inside)
     yield from _craft_scenes(canary)
+    for form in READING:
+        content = make_reading_scene(form, inside, outside).read_bytes()
+        yield f"{OUTSIDE}{form}", COMMANDS[K.SCENE][0], "reading.xml", content
     for kind, commands in COMMANDS.items():
         good = (inside / NAMES[kind]).read_bytes()
         contents = [*_craft_contents(kind, good)]

@@ -331,10 +331,11 @@ def make_scene_model(source: object, assets: Path | None = None) -> SceneModel:
         raise InputError(f"a scene is a name, a path of an XML file, or an MjModel of MuJoCo; got {quote(source)}")
     path = find_scene_file(str(source))
     own = path.parent == _FOLDER
-    if not own:
-        check_scene_file(path, assets)  # safety: scene-checked
+    files = {} if own else check_scene_file(path, assets)  # safety: scene-checked
     try:
-        model = engine.MjModel.from_xml_path(str(path)) if own else compile_scene(engine, path)
+        model = (
+            engine.MjModel.from_xml_path(str(path)) if own else compile_scene(engine, path, files)
+        )  # safety: compiled-apart
     except Exception as cause:  # ValueError, FatalError, SceneFailure
         raise InputError(_explain(path, str(cause))) from cause
     return _check(SceneModel(path.stem, path, model))

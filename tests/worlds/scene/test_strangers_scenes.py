@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import os
 import resource
+import struct
 from pathlib import Path
 
 import pytest
 
+from fuzz.reading_scenes import READING, make_reading_scene, write_outside
+from haptorb import limited_process
 from haptorb.errors import InputError
-from haptorb.worlds import scene_compiler
-from haptorb.worlds.scene_physics import SHIPPED, find_scene_file, make_scene_model
+from haptorb.limited_process import ProcessFailure, run_limited
+from haptorb.worlds import scene_check, scene_compiler, scene_physics
+from haptorb.worlds.scene_check import check_scene_file
+from haptorb.worlds.scene_compiler import compile_scene
+from haptorb.worlds.scene_physics import SHIPPED, find_scene_file, load_engine, make_scene_model
 
 BODY = "<body name='peg'><freejoint/><geom size='1'/></body>"
 
@@ -77,6 +83,108 @@ def test_a_scene_looks_in_no_other_folder(tmp_path: Path, key: str) -> None:
     assert "lies outside" in refusal(scene(tmp_path / "scene", more=f"<compiler {key}='..'/>"))
 
 
+@pytest.fixture
+def ground(tmp_path: Path) -> tuple[Path, Path]:
+    """Folder of scenes, and one outside with files that MuJoCo can load."""
+    folder, outside = tmp_path / "scene", tmp_path / "outside"
+    folder.mkdir()
+    write_outside(outside)
+    return folder, outside
+
+
+@pytest.mark.parametrize("form", READING)
+def test_no_form_of_a_name_reads_outside(form: str, ground: tuple[Path, Path]) -> None:
+    """The files outside are valid: a scene that reads one is compiled."""
+    path = make_reading_scene(form, *ground)
+    with pytest.raises(InputError, match=r"file of a scene|dir of a scene|is not XML"):
+        check_scene_file(path)
+
+
+@pytest.mark.parametrize("form", READING)
+def test_the_compiler_opens_nothing_even_if_the_check_missed_it(form: str, ground: tuple[Path, Path]) -> None:
+    folder, outside = ground
+    path = make_reading_scene(form, folder, outside)
+    inside = {str(file): file.read_bytes() for file in (path, *folder.iterdir()) if file.is_file()}
+    with pytest.raises(ProcessFailure, match=r"^(?!.*longer)"):
+        compile_scene(load_engine(), path, inside)
+
+
+def test_a_file_that_changes_after_the_check_is_not_read(
+    ground: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, outside = ground
+    field = folder / "h.bin"
+    field.write_bytes(struct.pack("<2i4f", 2, 2, 0.0, 1.0, 1.0, 1.0))
+    path = scene(folder, more="<asset><hfield name='h' size='1 1 1 1' file='h.bin'/></asset>")
+
+    def compile_later(engine: object, path: Path, files: dict[str, bytes]) -> object:
+        field.unlink()
+        field.symlink_to(outside / "h.bin")
+        path.write_text("<mujoco/>")
+        return compile_scene(engine, path, files)
+
+    monkeypatch.setattr(scene_physics, "compile_scene", compile_later)
+    assert list(make_scene_model(path).model.hfield_data) == [0.0, 1.0, 1.0, 1.0]
+
+
+def test_an_archive_is_refused_by_its_content(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_bytes(b"PK\x03\x04")
+    assert "archive" in refusal(scene(tmp_path, more="<asset><mesh name='m' file='m.obj'/></asset>"))
+
+
+def test_names_at_too_many_places_are_not_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = "".join(f"<texture name='t{n}' file='{n}.png'/>" for n in range(20))
+    monkeypatch.setattr(scene_check, "_NAMES", 50)
+    folders = "<compiler meshdir='a' texturedir='b'/>"
+    assert "fewer names" in refusal(scene(tmp_path, more=f"{folders}<asset>{names}</asset>"))
+
+
+def test_a_missing_file_is_not_replaced_by_one_of_the_same_name(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "other" / "m.obj").write_text(mesh)
+    meshes = "<mesh name='a' file='other/m.obj'/><mesh name='b' file='lost/M.obj'/>"
+    assert "'lost/M.obj': does not exist" in refusal(scene(tmp_path, more=f"<asset>{meshes}</asset>"))
+
+
+#: files of the folder, as far as they differ from `meshes/a.obj`, and text before the world
+_LAYOUTS: dict[str, tuple[str, ...]] = {
+    "folder with a slash": ("<compiler meshdir='./meshes/'/><asset><mesh name='m' file='a.obj'/></asset>",),
+    "way back": ("<asset><mesh name='m' file='gone/../meshes//a.obj'/></asset>",),
+    "folders ignored": ("<compiler meshdir='meshes' strippath='true'/><asset><mesh name='m' file='x/a.obj'/></asset>",),
+    "included": (
+        "<compiler assetdir='meshes'/><include file='sub/part.xml'/>",
+        "<mujoco><asset><mesh name='m' file='a.obj'/></asset></mujoco>",
+    ),
+    "attached": (
+        "<asset><mesh name='m' file='linked/a.obj'/><model name='s' file='sub/part.xml'/></asset>",
+        "<mujoco><compiler meshdir='own'/><asset><mesh name='n' file='b.obj'/></asset><worldbody>"
+        "<body name='b'><geom type='mesh' mesh='n'/></body></worldbody></mujoco>",
+    ),
+}
+
+
+@pytest.mark.parametrize("layout", _LAYOUTS)
+def test_files_in_folders_are_found_as_by_mujoco_itself(tmp_path: Path, layout: str) -> None:
+    import mujoco
+
+    more, *parts = _LAYOUTS[layout]
+    for name in ("sub", "meshes"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "linked").symlink_to("meshes")
+    mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "meshes" / "a.obj").write_text(mesh)
+    (tmp_path / "sub" / "own").mkdir()
+    (tmp_path / "sub" / "own" / "b.obj").write_text(mesh)
+    for part in parts:
+        (tmp_path / "sub" / "part.xml").write_text(part)
+    attached = "<frame><attach model='s' body='b' prefix='p'/></frame>" if layout == "attached" else ""
+    path = scene(tmp_path, BODY.replace("size='1'", "type='mesh' mesh='m'") + attached, more)
+    apart, here = make_scene_model(path).model, mujoco.MjModel.from_xml_path(str(path))
+    assert apart.nmesh == here.nmesh > 0
+    assert bytes(apart.mesh_vert) == bytes(here.mesh_vert)
+
+
 def test_files_that_include_each_other_are_counted_once(tmp_path: Path) -> None:
     scene(tmp_path, "<include file='b.xml'/>", name="a.xml")
     (tmp_path / "b.xml").write_text("<mujocoinclude><include file='b.xml'/></mujocoinclude>")
@@ -88,7 +196,24 @@ def test_files_that_include_each_other_are_counted_once(tmp_path: Path) -> None:
     assert "elements" in told or "nested too deep" in told
 
 
-def test_a_compiler_that_takes_too_long_or_too_much_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiler_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+    """By the processor's time, here 1 s, long before the limit by the clock."""
+    program = tmp_path / "busy.py"
+    program.write_text(
+        f"import runpy\nrunpy.run_path({limited_process.__file__!r})['set_limits'](1, 1 << 30, 0)\nwhile True: pass\n"
+    )
+    with pytest.raises(ProcessFailure, match="of the processor"):
+        run_limited(program, [], tmp_path, 15, 1 << 30)
+
+
+def test_a_compiler_that_crashes_is_a_message(tmp_path: Path) -> None:
+    program = tmp_path / "crash.py"
+    program.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
+    with pytest.raises(ProcessFailure, match="signal 11"):
+        run_limited(program, [], tmp_path, 1, 1 << 30)
+
+
+def test_a_compiler_that_takes_too_much_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = "".join(f"v {n % 97} {n % 89} {n % 83}\n" for n in range(60_000))
     faces = "".join(f"f {n + 1} {n + 2} {n + 3}\n" for n in range(59_000))
     (tmp_path / "m.obj").write_text(points + faces)
@@ -97,7 +222,7 @@ def test_a_compiler_that_takes_too_long_or_too_much_is_ended(tmp_path: Path, mon
     )
     monkeypatch.setattr(scene_compiler, "_MEMORY", 64 * 1024 * 1024)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    refusal(mesh)
+    assert "64 MiB of memory" in refusal(mesh)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 64 * 1024
 
 
