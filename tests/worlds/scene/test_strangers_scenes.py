@@ -129,7 +129,7 @@ def test_a_file_that_changes_after_the_check_is_not_read(
 
 def test_an_archive_is_refused_by_its_content(tmp_path: Path) -> None:
     (tmp_path / "m.obj").write_bytes(b"PK\x03\x04")
-    assert "archive" in refusal(scene(tmp_path, more="<asset><mesh name='m' file='m.obj'/></asset>"))
+    assert "unpack it" in refusal(scene(tmp_path, more="<asset><mesh name='m' file='m.obj'/></asset>"))
 
 
 def test_names_at_too_many_places_are_not_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
