@@ -101,6 +101,12 @@ RULES = [
     ),
     ("file-size", "a file of text has an end", "never", f"{HOSTILE}::test_a_file_of_text_has_an_end"),
     ("text-visible", "text of a file is printed visibly", "replace value by text", f"{POISONED_TEST}[info run.mcap]"),
+    (
+        "no-formula",
+        "a name in a figure is no formula",
+        "drop",
+        f"{POISONED}::test_a_formula_in_a_name_is_shown_as_it_is_in_every_figure",
+    ),
     ("cell-visible", "text of a table's cell is visible", "drop", f"{POISONED_TEST}[study export study.db trials.csv]"),
     (
         "foreign-column",

@@ -1,8 +1,10 @@
-"""Figures that commands write: check of the path, atomic writing, and Matplotlib without a stranger's settings."""
+"""Figures that commands write: check of the path, atomic writing, text of strangers, and Matplotlib without their
+settings."""
 
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 from importlib import import_module
@@ -11,15 +13,17 @@ from typing import TYPE_CHECKING
 
 from haptorb.cache_folder import private_folder
 from haptorb.errors import InputError, quote
-from haptorb.files import replace_file
+from haptorb.files import replace_file, visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FORMATS", "check_figure_file", "ignore_local_settings", "write_figure"]
+__all__ = ["FORMATS", "check_figure_file", "ignore_local_settings", "show_text_as_is", "write_figure"]
 
 #: supported formats, by file name extension
 FORMATS = (".png", ".svg", ".pdf")
+#: formulas that haptorb writes itself: components of a vector, and Matplotlib's numbers on an axis
+_FORMULA = re.compile(r"\$[FT]_[xyz]\$|\$\\mathdefault\{[-−0-9.^{}×]*\}\$")
 
 
 def ignore_local_settings() -> str:
@@ -60,10 +64,28 @@ def check_figure_file(path: Path, option: str) -> Path:
     return path
 
 
+def show_text_as_is(figure: Figure) -> Figure:
+    """Have the texts of `figure` shown letter by letter, except haptorb's own formulas; return it.
+
+    Names and titles come from files: `$` in one would begin a formula, and a wrong formula ends the drawing. Control
+    characters are made visible. To be called before a figure is written, when all of it is drawn.
+    """
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if not isinstance(text, Text) or not (content := text.get_text()):
+            continue
+        if "$" in content and not _FORMULA.fullmatch(content):
+            text.set_parse_math(False)  # safety: no-formula
+        if (shown := visible(content)) != content:
+            text.set_text(shown)
+    return figure
+
+
 def write_figure(figure: Figure, path: Path, option: str) -> None:
     """Write `figure` in the format of the extension of `path`; InputError if the folder is not writable."""
     try:
         with replace_file(path) as part:
-            figure.savefig(part, format=path.suffix.lower()[1:], dpi=150)
+            show_text_as_is(figure).savefig(part, format=path.suffix.lower()[1:], dpi=150)
     except OSError as cause:
         raise InputError(f"{option}: cannot write '{path}': {cause.strerror or cause}") from cause

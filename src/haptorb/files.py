@@ -16,7 +16,7 @@ import stat
 import tempfile
 import tomllib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import time
@@ -319,10 +319,11 @@ def _remove(path: Path) -> None:
 # `tests/contracts/test_poisoned_files.py` lists the commands that print or write such text, and tests each.
 
 
-#: control characters but line feed and tab; bidirectional marks; line separators; surrogates
+#: control characters but line feed and tab; bidirectional marks; line separators; surrogates; letters without a shape,
+#: tags and selectors, which can carry a hidden text. U+200C and U+200D join letters of some scripts, and are kept
 _HIDDEN = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028\u2029\u202a-\u202e\u2060-\u2069\ufeff\ud800-\udfff"
-    "\U000e0000-\U000e007f]"
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u034f\u061c\u115f\u1160\u180e\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\u3164\ufeff"
+    "\uffa0\ufff9-\ufffb\ud800-\udfff\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0000-\U000e0fff]"
 )
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029]")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
@@ -330,15 +331,15 @@ _NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 _MAX_NAME_LENGTH = 64  #: characters of a name, at most
 
 
-def visible(text: str) -> str:
+def visible(text: str, spell: Callable[[str], str] | None = None) -> str:
     r"""Escape, as `\x1b`, characters that control a terminal, are invisible, or change the writing direction.
 
-    Lines and tabs are kept.
+    Lines and tabs are kept. `spell` returns another escape of a character, as JSON has it.
 
     >>> print(visible("a\x1b]52;c;cm0=\x07b"))
     a\x1b]52;c;cm0=\x07b
     """
-    return _HIDDEN.sub(lambda found: _spell(found[0]), text)  # safety: text-visible
+    return _HIDDEN.sub(lambda found: (spell or _spell)(found[0]), text)  # safety: text-visible
 
 
 def _spell(letter: str) -> str:

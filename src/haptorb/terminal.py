@@ -139,8 +139,6 @@ def _spell(letter: str) -> str:
 # Consoles, and text and JSON on them.
 
 
-#: characters that JSON does not escape by itself, but that control a terminal or mislead a reader
-_HIDDEN = re.compile("[\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
 _HARD = "\N{NO-BREAK SPACE}"
 _TOGETHER = re.compile(
     r"\[(?:default|required)[^]]*\]"
@@ -207,7 +205,7 @@ def print_json(numbers: Any, *, line: bool = False) -> None:
     """Print plain JSON types to standard output, escaped where its encoding requires; `line`: on one line."""
     plain = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
     text = json.dumps(numbers, indent=None if line else 2, ensure_ascii=plain)
-    print(_HIDDEN.sub(lambda found: json.dumps(found[0])[1:-1], text), flush=True)
+    print(visible(text, lambda letter: json.dumps(letter)[1:-1]), flush=True)
 
 
 def print_file(text: str) -> None:

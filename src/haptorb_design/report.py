@@ -20,6 +20,7 @@ from haptorb.devices.base import Device, require_geometry
 from haptorb.devices.drawing import SectionPlane, draw_section, draw_space
 from haptorb.display import format_number
 from haptorb.errors import InputError
+from haptorb.figure_file import show_text_as_is
 from haptorb.files import open_regular, replace_files
 from haptorb.version import __version__
 from haptorb_design.evaluate import find_base
@@ -80,7 +81,7 @@ def draw_beside(device: Device, base: Device) -> bytes:
         space.set_box_aspect([high - low for low, high in (space.get_xlim(), space.get_ylim(), space.get_zlim())])
     figure.legend(list(entries.values()), list(entries), loc="lower center", ncols=5, fontsize=8, frameon=False)
     file = BytesIO()
-    figure.savefig(file, format="png", dpi=_FIGURE_DPI)
+    show_text_as_is(figure).savefig(file, format="png", dpi=_FIGURE_DPI)
     return file.getvalue()
 
 

@@ -179,7 +179,7 @@ def analyse(
 def _find_beside(db: str, part: str) -> str:
     """The part of a recording that a database names, looked up beside the database only."""
     path, mark, span = part.partition("#t=")
-    folder = Path() if "://" in db else Path(db).parent
+    folder = Path.cwd() if "://" in db else Path(db).absolute().parent
     return f"{folder / Path(path).name}{mark}{span}"  # safety: recording-beside
 
 

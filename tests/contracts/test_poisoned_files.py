@@ -10,20 +10,26 @@ import json
 import re
 import shutil
 import sqlite3
+import unicodedata
 import zipfile
 from contextlib import closing
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import haptorb
 from haptorb.cli import main
 from haptorb.devices.loader import load
+from haptorb.figure_file import show_text_as_is
+from haptorb.files import visible
 from haptorb.recording.export import Export
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import RowLayout
+from haptorb.terminal import print_json
 from haptorb_design.problem import Evaluation
 from haptorb_design.store import open_results
 from haptorb_study.database import database
@@ -31,14 +37,17 @@ from haptorb_study.simulated.rehearsal import rehearse
 from haptorb_study.study_file import study_of
 from oracles.designs.small_design import make_design
 
-#: clear the screen, set the clipboard, set the title, 8-bit CSI, right-to-left override, an own line, a formula, a tag
+#: clear the screen, set the clipboard, set the title, 8-bit CSI, right-to-left override, a hidden tag, an own line, a
+#: spreadsheet's formula, a page's tag, a wrong formula of a figure
 POISON = (
-    "\x1b[2J\x1b]52;c;cm0gLXJm\x07\x1b]0;x\x07\x9b31m\u202e\u2028\nhaptorb: all is well\n=cmd|' /C calc'!A0"
-    "<script>x()</script>"
+    "\x1b[2J\x1b]52;c;cm0gLXJm\x07\x1b]0;x\x07\x9b31m\u202e\u2028\U000e0041\nhaptorb: all is well\n=cmd|' /C calc'!A0"
+    r"<script>x()</script>$\frac$"
 )
 FORMULA = "=cmd|' /C calc'!A0"
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029]")
-BAD = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2028\u2029]")
+BAD = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u200b\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e01ef]"
+)
 
 #: command, with the file; what is poisoned in it is below
 COMMANDS = (
@@ -47,6 +56,7 @@ COMMANDS = (
     "export run.mcap --fields nothing", "replay run.mcap", "view run.mcap --duration 0.01",
     "run omni --headless --duration 0.1 --tracker replay:run.mcap", "calibrate omni --out n.json --thermal run.mcap",
     "inspect poison.toml", "inspect poison.toml --json", "show poison.toml",
+    "inspect formula.toml --plot card.png", "show formula.toml --view section -o drawing.svg",
     "run poison.toml --headless --duration 0.1",
     "run omni --headless --duration 0.1 --calibration poison.json",
     "run omni --headless --duration 0.1 --tracker osc:9000 --frame poison.json",
@@ -108,6 +118,10 @@ def poisoned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     poison_recording(folder / "run.mcap")
     quoted = json.dumps(POISON).replace("\u2028", "\\u2028").replace("\x9b", "\\u009b")
     (folder / "poison.toml").write_text(f"name = {quoted}\ntitle = {quoted}\n{quoted} = {quoted}\n", encoding="utf-8")
+    arm = (files("haptorb.devices") / "catalogue" / "arm.toml").read_text(encoding="utf-8")
+    formula = re.sub("(?m)^title = .*", r"title = 'one $\\frac$ of two'", arm)
+    assert formula != arm
+    (folder / "formula.toml").write_text(formula, encoding="utf-8")
     (folder / "poison.json").write_text(json.dumps({"format": POISON, POISON: POISON, "device": POISON}))
     (folder / "poison.csv").write_text(f'"{POISON}",t_s\n{POISON}\n', encoding="utf-8")
     (folder / "poison.xml").write_text(
@@ -193,6 +207,45 @@ def test_text_of_a_strangers_file_is_shown_and_does_nothing(
     assert all(path.is_relative_to(place) for path in new)
     wrong = {str(path): found for path in new if path.is_file() and (found := look_at(path))}
     assert wrong == {}
+
+
+@pytest.mark.filterwarnings("ignore:Attempting to set identical")  # all values of the recording are 0
+def test_a_formula_in_a_name_is_shown_as_it_is_in_every_figure(poisoned: Path, tmp_path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([1, 10], [1, 100], label=r"$\frac$")
+    axes.plot([1, 10], [2, 20], label="$F_x$")
+    axes.set(xscale="log", title=POISON.replace("\x1b", ""), ylabel="costs $5 or $6")
+    axes.legend()
+    show_text_as_is(figure).savefig(tmp_path / "a.svg")
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_parse_math() for text in legend.get_texts()] == [False, True]
+    ticks = [text for text in axes.get_xticklabels() if text.get_text()]
+    assert all(text.get_parse_math() for text in ticks)
+    assert Recording(poisoned / "run.mcap").plot(tmp_path / "b.png")
+    sources = [
+        path for path in Path(haptorb.__file__).parents[1].glob("haptorb*/**/*.py") if "papers" not in path.parts
+    ]
+    calls = [line for path in sources for line in path.read_text(encoding="utf-8").splitlines() if ".savefig(" in line]
+    assert [line for line in calls if "show_text_as_is(figure).savefig(" not in line and "`" not in line] == []
+
+
+def test_json_and_lines_hide_the_same_characters(capsys: pytest.CaptureFixture[str]) -> None:
+    """All that Unicode calls control or format, but what writing needs: the joiners, and signs of some scripts."""
+    kept = {"\n", "\t", "\u200c", "\u200d"}
+    letters = [
+        chr(number) for number in range(0x110000) if unicodedata.category(chr(number)) in ("Cc", "Cf", "Zl", "Zp")
+    ]
+    shown = [letter for letter in letters if letter not in kept]
+    print_json({"text": "".join(letters)})
+    printed = capsys.readouterr().out.replace("\n", "")
+    lines = visible("".join(letters))
+    assert {letter for letter in shown if letter in printed} == {letter for letter in shown if letter in lines}
+    left = {unicodedata.name(letter, "") for letter in shown if letter in lines}
+    assert all(name.startswith(("ARABIC", "SYRIAC", "KAITHI", "EGYPTIAN")) for name in left), left
 
 
 def test_heads_of_a_table_and_members_of_an_archive_are_plain(poisoned: Path, tmp_path: Path) -> None:

@@ -39,6 +39,7 @@ from haptorb.estimation.hall_tracker import memory
 from haptorb.estimation.registry import make_estimator
 from haptorb.estimation.sensor_calibration import without_errors
 from haptorb.estimation.types import HandGoal, Pose
+from haptorb.figure_file import show_text_as_is
 from haptorb.notebook import NotebookReport
 from haptorb.runtime.drivers.sim import ImperfectTracker, PoseDistortion, SimDriver
 from haptorb.runtime.tick import Tick
@@ -431,7 +432,7 @@ def draw_world(
     right.set_title(f"Effect of the tracker's rate and latency, grip {setting.grip}", loc="left")
     right.legend(frameon=False, fontsize=8, title="poses")
     right.grid(alpha=0.3, which="both")
-    figure.savefig(path, dpi=120)
+    show_text_as_is(figure).savefig(path, dpi=120)
     return path
 
 

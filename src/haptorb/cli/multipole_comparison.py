@@ -12,6 +12,7 @@ from rich.console import Console
 
 from haptorb.devices.motor import SphericalMotor
 from haptorb.errors import UnknownName
+from haptorb.figure_file import show_text_as_is
 from haptorb.magnetics.multipole_fit import MultipoleFit, fit_multipole, residual, shell_region
 from haptorb.magnetics.source import RoundBody
 from haptorb.notebook import NotebookReport
@@ -115,7 +116,7 @@ class FitComparison(NotebookReport):
             place.grid(alpha=0.3)
         left.legend(frameon=False)
         figure.suptitle(f"{self.part} of {self.device}: multipole models", x=0.01, ha="left", fontweight="bold")
-        figure.savefig(path, dpi=150)
+        show_text_as_is(figure).savefig(path, dpi=150)
 
 
 def compare(

@@ -181,7 +181,7 @@ def draw_comparison(
     for i, values in enumerate(difference.T):
         apart.plot(*thin_curve(t, values), color=_COLOURS[i], linewidth=1.0)
     apart.set_ylabel(f"replayed − recorded\n[{unit}]")
-    names = [f"coil {name}".replace("$", r"\$") for name in coils]  # no formulae for matplotlib
+    names = [f"coil {name}" for name in coils]
     _draw_both(wanted, recorded, replayed, "current_commanded", slice(0, len(coils)), names)
     wanted.set_ylabel("commanded current [A]")
     moved, label = ("w", "angular velocity [rad/s]") if turning else ("p", "position [m]")

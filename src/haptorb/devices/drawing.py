@@ -13,6 +13,7 @@ from haptorb.arrays import Array
 from haptorb.devices.geometry import Geometry, Reach, RoundPart, Spot
 from haptorb.devices.motor_layout import spherical_frames
 from haptorb.errors import InputError, UnknownName
+from haptorb.figure_file import show_text_as_is
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -475,4 +476,4 @@ def draw_geometry(geometry: Geometry, title: str, view: str = "both", azimuth: f
                       ncols=5 if wide else 3, fontsize=8, frameon=False)  # fmt: skip
     if view != "section":
         draw_space(figure.add_subplot(places[-1], projection="3d"), geometry)
-    return figure
+    return show_text_as_is(figure)

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.errors import RecordingError
+from haptorb.figure_file import show_text_as_is
 from haptorb.recording.export import coil_names
 from haptorb.recording.row import Field, FieldColumn
 
@@ -95,9 +96,10 @@ def plot(recording: Fields, path: str | Path | None = None) -> Figure:
     kind = " (simulated)" if run.get("driver") == "sim" else ""
     cut = ", cut short" if recording.truncated else ""
     figure.suptitle(f"{device.get('title') or device.get('name', '')}{kind}{cut}", fontsize=12, color=_INK)
+    show_text_as_is(figure)
     if path is not None:
         try:
-            figure.savefig(Path(path), dpi=150)
+            show_text_as_is(figure).savefig(Path(path), dpi=150)
         except (OSError, ValueError) as cause:
             raise RecordingError(f"cannot write the figure {path}: {cause}") from cause
     return figure
@@ -142,7 +144,7 @@ def _energy(axes: Axes, recording: Fields, t: Array) -> None:
 
 def _currents(axes: Axes, recording: Fields, t: Array) -> None:
     columns = _columns(np.asarray(recording["current_measured"]))
-    for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
+    for i, (values, name) in enumerate(zip(columns, coil_names(recording.metadata, len(columns)), strict=True)):
         axes.plot(*thin_curve(t, values), color=_COLOURS[i % 6], linewidth=1.0, label=f"coil {name}")
     axes.set_ylabel("current [A]")
 
@@ -154,7 +156,7 @@ def _temperatures(axes: Axes, recording: Fields, t: Array) -> None:
     ):  # drawn first, so that their noise does not hide the windings
         axes.plot(*thin_curve(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=0.7, linestyle=":", alpha=0.4)
     columns = _columns(np.asarray(recording["winding"]))
-    for i, (values, name) in enumerate(zip(columns, _coil_names(recording, len(columns)), strict=True)):
+    for i, (values, name) in enumerate(zip(columns, coil_names(recording.metadata, len(columns)), strict=True)):
         axes.plot(*thin_curve(t, values - _KELVIN), color=_COLOURS[i % 6], linewidth=1.1, label=f"winding {name}")
     axes.plot([], [], color=_INK, linewidth=0.9, linestyle=":", label="boundary")
     axes.set_ylabel("temperature [°C]")
@@ -186,11 +188,6 @@ def _legend(axes: Axes) -> None:
             loc="upper left", bbox_to_anchor=(1.005, 1.02), frameon=False, fontsize=8.5, handlelength=1.8,
             ncols=1 if entries < 8 else 2, columnspacing=1.0,
         )  # fmt: skip
-
-
-def _coil_names(recording: Fields, count: int) -> list[str]:
-    """Coil names with `$` escaped, which would begin a formula in matplotlib."""
-    return [name.replace("$", r"\$") for name in coil_names(recording.metadata, count)]
 
 
 def _columns(values: Array) -> Array:

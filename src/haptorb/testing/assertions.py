@@ -15,6 +15,7 @@ from haptorb.control.saturation import Saturation
 from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import State
 from haptorb.errors import InputError, quote
+from haptorb.figure_file import show_text_as_is
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import resolve_name
 from haptorb.testing.run import TEMPORARY
@@ -333,4 +334,4 @@ def _draw(path: Path, t: Array, there: Array, wanted: Array, allowed: Array, qua
     axes[3].plot(t, np.linalg.norm(there - wanted, axis=1), color="#222222")
     axes[3].plot(t, allowed, "k:")
     axes[3].set(ylabel=f"difference [{quantity.unit}]", xlabel="time on the loop's clock [s]")
-    figure.savefig(path, dpi=100)
+    show_text_as_is(figure).savefig(path, dpi=100)

@@ -14,6 +14,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import LogLocator
 
 from haptorb.errors import InputError, RecordingError
+from haptorb.figure_file import show_text_as_is
 from haptorb.files import read_text, replace_files
 from haptorb.version import __version__
 from haptorb_study.analysis.analysis import Analysis
@@ -327,7 +328,7 @@ def write_figures(
         folder.mkdir(parents=True, exist_ok=True)
         with replace_files([*files, captions]) as parts, use_paper_style():
             for part, (figure, _) in zip(parts, found.values(), strict=False):
-                figure.savefig(part, format=kind, dpi=600, metadata=_describe_file(analysis, kind))
+                show_text_as_is(figure).savefig(part, format=kind, dpi=600, metadata=_describe_file(analysis, kind))
             parts[-1].write_text(text_of_captions, encoding="utf-8")
     except OSError as cause:
         raise RecordingError(f"{folder}: figures cannot be written ({cause.strerror or cause})") from cause

@@ -12,6 +12,7 @@ from shlex import quote
 
 from haptorb.display import Link, scroll_table_html
 from haptorb.errors import InputError, RecordingError
+from haptorb.figure_file import show_text_as_is
 from haptorb.terminal import TextTable
 from haptorb_study.analysis.analysis import Analysis
 from haptorb_study.analysis.condition_means import make_condition_table
@@ -217,7 +218,7 @@ def _draw_figures(analysis: Analysis, kind: str) -> dict[str, bytes]:
     found = {}
     for name, figure in figures(analysis).items():
         data = BytesIO()
-        figure.savefig(data, format=kind, dpi=150)
+        show_text_as_is(figure).savefig(data, format=kind, dpi=150)
         found[name] = data.getvalue()
     return found
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.errors import RecordingError
+from haptorb.figure_file import show_text_as_is
 from haptorb.files import replace_file
 from haptorb.worlds import SnapFit
 from haptorb_study.feel.course import course, explain_peaks
@@ -106,7 +107,7 @@ def plot_comparison(candidates: Candidates, path: str | Path, session: FeelSessi
     target = Path(path)
     try:
         with replace_file(target) as part:
-            figure.savefig(part, format=target.suffix.lstrip(".") or "png", dpi=150)
+            show_text_as_is(figure).savefig(part, format=target.suffix.lstrip(".") or "png", dpi=150)
     except (OSError, ValueError) as cause:
         raise RecordingError(f"{target}: cannot be drawn ({cause})") from cause
     return target

@@ -16,6 +16,7 @@ from haptorb.arrays import Array
 from haptorb.beams import MATERIALS, Hook
 from haptorb.display import scroll_table_html
 from haptorb.errors import RecordingError
+from haptorb.figure_file import show_text_as_is
 from haptorb.files import replace_file
 from haptorb.worlds import Outlet, SnapFit
 from haptorb.worlds.base import parameters
@@ -83,7 +84,7 @@ def _make_figure(width: float, height: float) -> Figure:
 
 def _save(figure: Figure) -> bytes:
     data = BytesIO()
-    figure.savefig(data, format="svg", dpi=150)
+    show_text_as_is(figure).savefig(data, format="svg", dpi=150)
     return data.getvalue()
 
 
