@@ -18,7 +18,7 @@ _FIELD = "<asset><hfield name='h' size='1 1 1 1' file='{}'/></asset>"
 _TEXTURE = "<asset><texture name='t' type='2d' file='{}'/></asset>"
 _MODEL = (
     "<mujoco><asset><model name='sub' file='{}'/></asset><worldbody><frame><attach model='sub' body='peg' prefix='p'/>"
-    "</frame></worldbody></mujoco>"
+    "</frame><body name='peg'><freejoint/><geom size='0.01'/></body></worldbody></mujoco>"
 )
 
 #: form → (scene, included file, text of that); OUT is the absolute path outside
