@@ -142,6 +142,12 @@ RULES = [
         f"{DATABASES}::test_files_beside_a_database_do_nothing",
     ),
     (
+        "database-lock",
+        "a lock file beside a database is empty, with nothing beside it",
+        "drop",
+        f"{DATABASES}::test_a_lock_file_of_a_stranger_is_not_obeyed",
+    ),
+    (
         "database-schema",
         "a database computes nothing",
         "never",

@@ -9,28 +9,28 @@ import re
 from pathlib import Path
 from urllib.parse import unquote_plus
 
-__all__ = ["has_password", "mask_password", "path_of", "url_of"]
+__all__ = ["has_password", "mask_password", "path_of"]
 
 _SECRETS = ("password", "sslpassword")  #: query parameters of an address that are secret
 
+#: URL of a SQLite file: the file, and parameters of the driver, which haptorb sets itself
+_SQLITE = re.compile(r"sqlite(?:\+\w+)?:///([^?]*)(?:\?.*)?", re.DOTALL)
 #: "scheme://user:password@" up to the last @ before the host; what SQLAlchemy takes for the password, or more
 _USER_PASSWORD = re.compile(r"(?<=://)([^:/]*:)[^@]*@(?:[^/?@]*@)*")
 
 
-def url_of(place: str | Path) -> str:
-    """Return `place` as a URL: a path means SQLite.
+def path_of(place: str | Path) -> Path | None:
+    """Return the file of a SQLite database, None for a server's.
 
-    >>> url_of("study.db")
-    'sqlite:///study.db'
+    >>> path_of("study.db?").as_posix(), path_of("sqlite+pysqlite:///study.db?timeout=3").as_posix()
+    ('study.db?', 'study.db')
+    >>> path_of("postgresql://host/name")
     """
     text = str(place)
-    return text if "://" in text else f"sqlite:///{text}"
-
-
-def path_of(place: str | Path) -> Path | None:
-    """Return the file of a SQLite database, None for a server's."""
-    url = url_of(place)
-    return Path(url.removeprefix("sqlite:///")) if url.startswith("sqlite:///") else None
+    if "://" not in text:
+        return Path(text)
+    found = _SQLITE.fullmatch(text)
+    return None if found is None else Path(found[1])
 
 
 def has_password(place: str | Path) -> bool:

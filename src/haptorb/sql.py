@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import stat
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,16 +18,25 @@ from types import TracebackType
 from typing import Any, Self, final
 
 from sqlalchemy import Connection, MetaData, Table, create_engine, event, inspect, select, text
+from sqlalchemy.engine import URL, Engine, ExceptionContext, make_url
 from sqlalchemy.engine import Connection as engine_Connection
-from sqlalchemy.engine import Engine, ExceptionContext, make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
-from haptorb.database_address import mask_password, path_of, url_of
+from haptorb.database_address import mask_password, path_of
 from haptorb.errors import RecordingError, quote
 from haptorb.file_kind import FileKind
 from haptorb.files import describe_size_limit, open_regular
 
-__all__ = ["BUSY_TIMEOUT_MS", "ProgramLock", "TableSet", "explain_error", "lock_database", "make_engine"]
+__all__ = [
+    "BUSY_TIMEOUT_MS",
+    "ProgramLock",
+    "TableSet",
+    "connect_file",
+    "explain_error",
+    "lock_database",
+    "lock_file_of",
+    "make_engine",
+]
 
 
 BUSY_TIMEOUT_MS = 10_000  #: time for which a writer waits while another program holds the database [ms]
@@ -35,9 +45,14 @@ _CONNECT_TIMEOUT_S = 5  #: connection timeout of a server
 
 
 def make_engine(place: str | Path) -> Engine:
-    """Create an engine for the database at `place` without connecting; RecordingError if `place` is not a database."""
+    """Create an engine for the database at `place` without connecting; RecordingError if `place` is not a database.
+
+    Each connection to a file raises RecordingError for files beside it that SQLite would process.
+    """
+    path = path_of(place)
     try:
-        url = make_url(url_of(place))
+        # A file's name is no URL: what follows a "?" in it belongs to the name.
+        url = make_url(str(place)) if path is None else URL.create("sqlite", database=str(path))
         if url.drivername == "postgresql":
             url = url.set(drivername="postgresql+psycopg")
         engine = create_engine(url, connect_args=_watched if url.get_backend_name() == "postgresql" else {})
@@ -50,10 +65,22 @@ def make_engine(place: str | Path) -> Engine:
             f"database {mask_password(place)} needs a driver that is not installed ({cause.name or cause}): "
             "pip install 'haptorb[study]' brings PostgreSQL's"
         ) from cause
+    if path is not None:
+        event.listen(engine, "do_connect", lambda *_: _check_neighbours(path))
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _set_pragmas)
         event.listen(engine, "handle_error", partial(_explain_damage, place))
     return engine
+
+
+def connect_file(path: str | Path, *, read_only: bool = False, timeout: float = 10.0) -> sqlite3.Connection:
+    """Connect to the database file `path` without SQLAlchemy, for a copy of its pages or to compact it; no transaction
+    is begun. Raises RecordingError for files beside it that SQLite would process."""
+    _check_neighbours(Path(path))
+    mode = "ro" if read_only else "rw"
+    return sqlite3.connect(
+        f"{Path(path).absolute().as_uri()}?mode={mode}", uri=True, timeout=timeout, isolation_level=None
+    )
 
 
 def lock_database(connection: Connection, family: int) -> None:
@@ -122,18 +149,21 @@ def _check_neighbours(path: Path) -> None:
     If the write-ahead log is a link, its target would be overwritten. A rollback journal names a file that is deleted;
     databases of this package never have one, as they use a write-ahead log from the start.
     """
-    for end in ("-wal", "-shm"):
-        beside = path.with_name(path.name + end)
-        if beside.is_symlink() or (beside.exists() and not beside.is_file()):  # safety: database-link
-            raise RecordingError(f"{beside} is not a regular file, so {path} is not opened: remove it")
-    journal = path.with_name(f"{path.name}-journal")
-    for _ in range(_TABLE_SET_TRIES):
-        if not (journal.is_symlink() or journal.exists()):  # safety: database-journal
-            return
-        sleep(_PAUSE)  # another program may be creating the database
-    raise RecordingError(
-        f"{path} has a rollback journal beside it, {journal.name}, so another program was writing it: it is not opened"
-    )
+    for place in dict.fromkeys((path, Path(os.path.realpath(path)))):  # SQLite looks beside what a link leads to
+        for end in ("-wal", "-shm"):
+            beside = place.with_name(place.name + end)
+            if beside.is_symlink() or (beside.exists() and not beside.is_file()):  # safety: database-link
+                raise RecordingError(f"{beside} is not a regular file, so {path} is not opened: remove it")
+        journal = place.with_name(f"{place.name}-journal")
+        for _ in range(_TABLE_SET_TRIES):
+            if not (journal.is_symlink() or journal.exists()):  # safety: database-journal
+                break
+            sleep(_PAUSE)  # another program may be creating the database
+        else:
+            raise RecordingError(
+                f"{path} has a rollback journal beside it, {journal.name}, so another program was writing it: it is "
+                "not opened"
+            )
 
 
 def _check_schema(connection: Connection, place: str | Path) -> None:
@@ -180,7 +210,7 @@ class TableSet:
         """
         path = path_of(place)
         if path is not None:
-            self._check_file(path)
+            self.check_file(path)
         engine = make_engine(place)
         try:
             with engine.connect() as connection:
@@ -200,8 +230,9 @@ class TableSet:
             raise
         return engine
 
-    def _check_file(self, path: Path) -> None:
-        """Raise RecordingError for an existing file of another kind: opening it for writing could change it."""
+    def check_file(self, path: Path) -> None:
+        """Raise RecordingError for an existing file of another kind: opening it for writing could change it. Raise it,
+        too, for files beside it that SQLite would process."""
         if not path.name:
             raise RecordingError(f"'{path}' is a folder: give the file of a database")
         _check_neighbours(path)
@@ -265,9 +296,10 @@ class ProgramLock:
 
     def __init__(self, engine: Engine, family: int, number: int, end: str, conflict: RecordingError) -> None:
         self._file: sqlite3.Connection | None = None
-        self._path = Path(f"{engine.url.database}{end}")
+        self._path = Path()
         self._connection: engine_Connection | None = None
         if engine.dialect.name == "sqlite":
+            self._path = lock_file_of(str(engine.url.database), end)
             self._file = _lock_file(self._path, conflict)
         else:
             self._connection = engine.connect()
@@ -299,22 +331,28 @@ class ProgramLock:
         self.release()
 
 
+def lock_file_of(database: str | Path, end: str) -> Path:
+    """Lock file of a SQLite file: beside the file itself, where a link to it leads, so that all names have one lock."""
+    return Path(f"{os.path.realpath(database)}{end}")
+
+
 def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
     """Lock the empty file `path` until it is closed. Raises `conflict`, or RecordingError if it cannot be created.
 
-    SQLite implements file locks for each operating system.
+    SQLite implements file locks for each operating system. A lock file may have come with the database of a stranger:
+    SQLite opens only an empty one, with nothing beside it, so it finds no database to repair and no log to obey.
     """
-    if path.is_symlink() or (path.exists() and not path.is_file()):
-        raise RecordingError(f"{path} is not a regular file, so nothing can be locked by it: remove it")
     tries = 0
     while True:
         tries += 1
         file = None
+        _clear_lock_file(path)  # safety: database-lock
         try:
             with suppress(FileExistsError):  # no other access: closing the file would release its locks
                 os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
             before = _identify(path)
             file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+            file.execute("PRAGMA journal_mode = MEMORY")  # no journal that a killed program would leave
             file.execute("BEGIN EXCLUSIVE")
             if before is not None and before == _identify(path):
                 return file
@@ -327,6 +365,23 @@ def _lock_file(path: Path, conflict: RecordingError) -> sqlite3.Connection:
             if isinstance(cause, sqlite3.Error) and tries < _PROGRAM_LOCK_TRIES:
                 continue  # its last holder removed it while SQLite opened it
             raise RecordingError(f"{path} cannot be locked: {cause}") from cause
+
+
+def _clear_lock_file(path: Path) -> None:
+    """Raise RecordingError if the lock file `path` is no empty file; remove the files beside it, which hold nothing:
+    a killed program of an older haptorb left a journal, and a stranger's may name other files."""
+    with suppress(FileNotFoundError):
+        found = path.lstat()
+        if not stat.S_ISREG(found.st_mode) or found.st_size:
+            raise RecordingError(f"{path} is not an empty regular file, so nothing can be locked by it: remove it")
+    for end in ("-journal", "-wal", "-shm"):
+        beside = path.with_name(path.name + end)
+        try:
+            beside.unlink(missing_ok=True)  # the name: what a link leads to stays
+        except OSError as cause:
+            raise RecordingError(
+                f"{beside} cannot be removed ({cause.strerror}), so nothing can be locked by {path.name}: remove it"
+            ) from cause
 
 
 def _identify(path: Path) -> tuple[int, int, int] | None:

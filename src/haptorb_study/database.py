@@ -44,6 +44,7 @@ __all__ = [
     "SCHEMA",
     "STEPS",
     "StoredParticipant",
+    "check_database_file",
     "contents",
     "copies",
     "database",
@@ -54,6 +55,7 @@ __all__ = [
     "migrate",
     "participants",
     "replies",
+    "session_lock_end",
     "sessions",
     "studies",
     "trials",
@@ -256,6 +258,14 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
     return engine
 
 
+def check_database_file(path: Path) -> None:
+    """Raise RecordingError if the file `path` is of another kind, or files lie beside it that SQLite would process.
+
+    SQLite does not open it.
+    """
+    _STUDY.check_file(path)
+
+
 def lock(connection: Connection) -> None:
     """Lock the database for this transaction against other study programs."""
     lock_database(connection, FAMILY)
@@ -280,12 +290,17 @@ def try_begin(engine: Engine) -> Iterator[Connection]:
 # Session lock: one experimenter per session.
 
 
+def session_lock_end(session: int) -> str:
+    """End of the name of the session's lock file."""
+    return f".session-{session}.lock"
+
+
 def lock_session(engine: Engine, session: int) -> ProgramLock:
     """Lock of the session, held until released; RecordingError if another program holds it."""
     conflict = RecordingError(
         f"session {session} is being run by another experimenter (or another window): end that one first"
     )
-    return ProgramLock(engine, FAMILY, session, f".session-{session}.lock", conflict)
+    return ProgramLock(engine, FAMILY, session, session_lock_end(session), conflict)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -15,6 +14,8 @@ from sqlalchemy.engine import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.errors import InputError, RecordingError
+from haptorb.files import replace_file
+from haptorb.sql import connect_file
 from haptorb_study.database import copies, database
 from haptorb_study.json_values import utc_now
 
@@ -54,16 +55,14 @@ def back_up(place: str | Path, into: Path) -> Path:
         raise RecordingError(f"{into} exists; choose another name for the backup")
     engine = database(place, make=False)
     record_copy(engine, "backup", into)
-    part = into.with_name(f".{into.name}.part")
     try:
         with (
-            closing(sqlite3.connect(str(engine.url.database), timeout=10.0)) as raw,
+            replace_file(into) as part,
+            closing(connect_file(str(engine.url.database), read_only=True)) as raw,
             closing(sqlite3.connect(part)) as kept,
         ):
             raw.backup(kept)
-        os.replace(part, into)
     except (sqlite3.Error, OSError) as cause:
-        part.unlink(missing_ok=True)
         raise RecordingError(f"{into}: the backup cannot be written ({cause})") from cause
     finally:
         engine.dispose()

@@ -22,11 +22,12 @@ from typing import Any
 from sqlalchemy import Connection, Row, Table, select
 from sqlalchemy.engine import Engine
 
-from haptorb.database_address import mask_password, url_of
+from haptorb.database_address import mask_password, path_of
 from haptorb.errors import InputError, RecordingError
-from haptorb.sql import make_engine
+from haptorb.sql import connect_file, lock_file_of, make_engine
 from haptorb_study.data_kind import describe_kind, read_contents
 from haptorb_study.database import (
+    check_database_file,
     contents,
     copies,
     database,
@@ -34,6 +35,7 @@ from haptorb_study.database import (
     lock_session,
     participants,
     replies,
+    session_lock_end,
     sessions,
     studies,
     trials,
@@ -177,15 +179,15 @@ def _identity(place: str | Path) -> str:
 def _open_source(number: int, place: str | Path, folder: Path, study: str | None) -> _Source:
     """Open the database at `place`; of a file, a snapshot in `folder`, migrated to the newest schema."""
     shown = mask_password(place)
-    if url_of(place).startswith("sqlite:///"):
-        path = Path(place).expanduser()
-        if not path.is_file():
+    path = path_of(place)
+    if path is not None:
+        path = path.expanduser()
+        if not path.exists():
             raise RecordingError(f"database {shown} does not exist")
+        check_database_file(path)
         copy = folder / f"source-{number}.db"
         try:
-            with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as raw, closing(
-                sqlite3.connect(copy)
-            ) as kept:  # fmt: skip
+            with closing(connect_file(path, read_only=True)) as raw, closing(sqlite3.connect(copy)) as kept:
                 raw.backup(kept)
         except sqlite3.Error as cause:
             raise RecordingError(f"database {shown} cannot be read: {cause}") from cause
@@ -208,7 +210,7 @@ def _check_idle(path: Path, engine: Engine) -> None:
     with engine.connect() as connection:
         running = connection.execute(select(sessions.c.id).where(sessions.c.ended.is_(None))).scalars().all()
     for session in running:
-        if Path(f"{path}.session-{session}.lock").exists():
+        if lock_file_of(path, session_lock_end(session)).exists():
             lock_session(make_engine(path), session).release()
 
 

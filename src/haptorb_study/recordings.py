@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
-from haptorb.database_address import url_of
+from haptorb.database_address import path_of
 from haptorb_study.stored_session import StoredSession
 
 __all__ = ["find_recording_path", "folder_of", "locate_recording", "name_parts", "name_recording"]
@@ -15,15 +16,15 @@ _NAME = re.compile(r"(?P<study>.+)-session-(?P<session>[0-9]+)-trial-(?P<trial>[
 
 def folder_of(place: str | Path) -> Path:
     """Folder of the recordings of the database at `place`: beside its file, or for a server the current folder."""
-    url = url_of(place)
-    return Path(url.removeprefix("sqlite:///")).parent if url.startswith("sqlite:///") else Path()
+    path = path_of(place)
+    return Path() if path is None else path.parent
 
 
 def name_recording(folder: Path, study: str, session: int, trial: int) -> Path:
     """Unused file name in `folder` for a recording of `session` that begins with `trial`, from 1."""
     path = folder / f"{study}-session-{session}-trial-{trial}.mcap"
     number = 2
-    while path.exists():
+    while os.path.lexists(path):  # a link is no free name, wherever it leads
         path = folder / f"{study}-session-{session}-trial-{trial}-{number}.mcap"
         number += 1
     return path

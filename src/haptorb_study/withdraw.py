@@ -18,6 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from haptorb.database_address import mask_password
 from haptorb.errors import HaptorbError, RecordingError
+from haptorb.sql import connect_file
 from haptorb_study.columns import read_study
 from haptorb_study.data_kind import check_kind
 from haptorb_study.database import (
@@ -226,7 +227,7 @@ def _erase(engine: Engine) -> None:
         return
     engine.dispose()
     try:
-        with closing(sqlite3.connect(str(engine.url.database), timeout=10.0, isolation_level=None)) as raw:
+        with closing(connect_file(str(engine.url.database))) as raw:
             raw.execute("PRAGMA secure_delete = ON")
             raw.execute("VACUUM")
             busy = bool(raw.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0])

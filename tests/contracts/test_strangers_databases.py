@@ -185,6 +185,105 @@ def test_files_beside_a_database_do_nothing(folder: Path, tmp_path: Path, capsys
     assert "not a regular file" in refusal("design report /dev/zero -o r.html", capsys)
 
 
+def test_files_beside_what_a_linked_database_leads_to_do_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """SQLite follows a link to a database, and looks beside the file itself."""
+    canary = tmp_path / "canary"
+    canary.write_text("what is not its business")
+    (folder / "in").mkdir()
+    (folder / "study.db").rename(folder / "in" / "it.db")
+    (folder / "study.db").symlink_to(Path("in", "it.db"))
+    (folder / "in" / "it.db-journal").write_bytes(hot_journal(folder / "in" / "it.db", canary))
+    assert "rollback journal" in refusal("study analyse study.db --json", capsys)
+    assert canary.read_text() == "what is not its business"
+
+
+def trap(lock: Path, way: str, canary: Path) -> None:
+    """A lock file, with a journal that says that `canary` is to be removed."""
+    canary.write_text("what is not its business")
+    if way == "link":
+        lock.symlink_to(canary)
+        return
+    change(lock, "CREATE TABLE t (a)")
+    lock.with_name(f"{lock.name}-journal").write_bytes(hot_journal(lock, canary))
+    if way == "empty":
+        lock.write_bytes(b"")
+        lock.with_name(f"{lock.name}-wal").symlink_to(canary)
+
+
+@pytest.mark.parametrize(
+    ("line", "way"),
+    [("withdraw study.db SIM01 --yes", "journal"), ("withdraw study.db SIM01 --yes", "empty"),
+     ("withdraw study.db SIM01 --yes", "link"), ("merge study.db other.db --into both.db", "journal"),
+     ("simulate study.toml --participants 2 --db study.db", "journal")],
+)  # fmt: skip
+def test_a_lock_file_of_a_stranger_is_not_obeyed(
+    folder: Path, tmp_path: Path, line: str, way: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """SQLite makes the lock: a lock file that is a database could have another file deleted."""
+    trap(folder / "study.db.session-1.lock", way, tmp_path / "canary")
+    change(folder / "study.db", "UPDATE sessions SET ended = NULL")
+    if "other.db" in line:
+        shutil.copy(folder / "study.db", folder / "other.db")
+        change(folder / "other.db", "UPDATE participants SET code = 'SIM1' || id")
+    if way == "empty":  # as of a killed program: what lies beside it is removed
+        assert run(f"study {line}") == 0
+        assert list(folder.glob("*.lock*")) == []
+    else:
+        assert "nothing can be locked" in refusal(f"study {line}", capsys)
+    assert (tmp_path / "canary").read_text() == "what is not its business"
+
+
+def test_a_lock_file_of_a_strangers_results_is_not_obeyed(folder: Path, tmp_path: Path) -> None:
+    trap(folder / "results.sqlite.run-1.lock", "journal", tmp_path / "canary")
+    with (
+        pytest.raises(RecordingError, match="nothing can be locked"),
+        open_results(folder / "results.sqlite", make_design(folder), "sobol", 1),
+    ):
+        pass
+    assert (tmp_path / "canary").read_text() == "what is not its business"
+
+
+def test_a_merge_looks_beside_its_sources_before_sqlite_does(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A pipe as rollback journal would be waited for without an end: here it is a file."""
+    shutil.copy(folder / "study.db", folder / "other.db")
+    (folder / "other.db-journal").touch()
+    assert "rollback journal" in refusal("study merge study.db other.db --into both.db", capsys)
+    (folder / "other.db-journal").unlink()
+    (folder / "other.db-wal").symlink_to(folder / "study.toml")
+    assert "not a regular file" in refusal("study merge study.db other.db --into both.db", capsys)
+    assert "not the database of a study" in refusal("study merge study.db results.sqlite --into both.db", capsys)
+
+
+def test_each_connection_looks_beside_the_file(folder: Path) -> None:
+    """Also one that is made later, and one by an address."""
+    engine = database("sqlite+pysqlite:///study.db?timeout=3", make=False)
+    engine.dispose()
+    (folder / "study.db-journal").touch()
+    with pytest.raises(RecordingError, match="rollback journal"):
+        engine.connect()
+    with pytest.raises(RecordingError, match="rollback journal"):
+        database("sqlite+pysqlite:///study.db?timeout=3", make=False)
+
+
+def test_a_question_mark_belongs_to_the_name_of_a_file(folder: Path) -> None:
+    """Or the file that is checked would not be the one that is opened."""
+    (folder / "study.db").rename(folder / "study.db?x=1")
+    assert read_study(database("study.db?x=1", make=False)).name == "one"
+    assert not (folder / "study.db").exists()
+
+
+def test_a_backup_is_written_to_a_new_file(folder: Path, tmp_path: Path) -> None:
+    """Not to one that lies there with a journal."""
+    canary, part = tmp_path / "canary", folder / ".kept.db.part"
+    canary.write_text("what is not its business")
+    change(part, "CREATE TABLE t (a)")
+    part.with_name(f"{part.name}-journal").write_bytes(hot_journal(part, canary))
+    assert run("study backup study.db kept.db") == 0
+    assert canary.read_text() == "what is not its business"
+
+
 def test_a_database_that_is_locked_or_read_only_says_so(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
