@@ -467,6 +467,30 @@ RULES = [
     ("no-strange-host", "a withdrawal connects to no server that a file names", "never", DATABASES),
     ("same-person", "a withdrawal follows the same person into other databases only", "never", DATABASES),
     (
+        "withdrawn-own-export",
+        "a withdrawal replaces exports of this version of the study only",
+        "never",
+        f"{DATABASES}::test_a_withdrawal_replaces_exports_of_its_own_study_only",
+    ),
+    (
+        "withdrawn-own-columns",
+        "a withdrawal replaces tables with the columns of an export only",
+        "never",
+        f"{DATABASES}::test_a_withdrawal_replaces_exports_of_its_own_study_only",
+    ),
+    (
+        "withdrawn-export-inside",
+        "a withdrawal replaces exports in the folder of the database only",
+        "never",
+        f"{DATABASES}::test_a_withdrawal_replaces_exports_of_its_own_study_only",
+    ),
+    (
+        "export-own-companion",
+        "an export removes no file of somebody else",
+        "never",
+        f"{DATABASES}::test_an_export_is_written_over_no_file_of_somebody_else",
+    ),
+    (
         "withdrawn-names",
         "the name of a study is no pattern",
         "replace iter.args[0].values[0].value by name",

@@ -629,6 +629,10 @@ def withdraw(
     code: Annotated[str, typer.Argument(help="Code of the person, exactly as in the database.")],
     name: NameOption = None,
     yes: Annotated[bool, typer.Option("--yes", help="Remove without asking.")] = False,
+    exports_in: Annotated[
+        list[Path] | None,
+        typer.Option("--exports-in", help="Folder whose exports are made again too; may be repeated."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Remove a person who withdraws: answers, words, recordings; from exports, merged databases and backups too."""
@@ -640,7 +644,7 @@ def withdraw(
         notify("nothing was removed")
         raise typer.Exit(1)
     with show_status(f"removing {code}"):
-        done = remove(db, code, name)
+        done = remove(db, code, name, exports_in=exports_in or ())
     if json:
         print_json({key: list(value) if isinstance(value, tuple) else value for key, value in vars(done).items()})
     else:

@@ -42,6 +42,7 @@ def describe_columns(study: Study) -> dict[str, dict[str, Any]]:
         elif name == "answered":
             entry["Format"] = "datetime"
         found[name] = entry
+    found["study"]["Levels"] = {study.name: f"digest {study.digest}"}
     if study.levels is not None:
         found["level"]["Description"] += f"; parameter '{study.levels.parameter}' of the world"
     return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from haptorb.errors import RecordingError
-from haptorb.files import escape_formula, open_regular, replace_files
+from haptorb.files import escape_formula, open_regular, parse_json, read_text, replace_files
 from haptorb_study.columns import COLUMNS, Columns
 from haptorb_study.data_dictionary import FLAGS, describe_columns, describe_events, describe_questions
 from haptorb_study.export_scripts import make_python_script, make_r_script
@@ -23,7 +24,16 @@ from haptorb_study.incidents import COLUMNS as EVENT_COLUMNS
 from haptorb_study.incidents import Incident
 from haptorb_study.study_file import Study
 
-__all__ = ["Replies", "explain_write_error", "write_csv", "write_json", "write_parquet", "write_table", "write_text"]
+__all__ = [
+    "Replies",
+    "explain_foreign",
+    "explain_write_error",
+    "write_csv",
+    "write_json",
+    "write_parquet",
+    "write_table",
+    "write_text",
+]
 
 
 Replies = dict[str, dict[str, str]]  #: participant's code → question's name → reply
@@ -42,6 +52,11 @@ _COMPANION_SUFFIXES = (
     "events.csv",
     "events.json",
 )  #: suffixes of the files beside a table
+
+
+_REPLY_COLUMNS = ("participant", "question", "text", "reply")
+_SCRIPT_HEAD = "Reads the trials that haptorb "  #: in the first line of each script of an export
+_MAX_HEAD_BYTES = 4096  #: bytes of a first line that is looked at
 
 
 #: columns whose floats are whole numbers, except estimated magnitudes
@@ -132,7 +147,7 @@ def _write_all(study: Study, files: Files, overwrite: bool) -> tuple[Path, ...]:
     stale = [
         first.with_name(f"{first.stem}-{more}")
         for more in _COMPANION_SUFFIXES
-        if first.with_name(f"{first.stem}-{more}") not in files
+        if overwrite and first.with_name(f"{first.stem}-{more}") not in files
     ]
     with explain_write_error(first):
         for path in files:
@@ -142,10 +157,16 @@ def _write_all(study: Study, files: Files, overwrite: bool) -> tuple[Path, ...]:
                 text = f"{path} exists; choose another name, or replace it"
                 raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
         _check_table(study, first)
+        for path in stale:
+            if os.path.lexists(path) and not _is_companion(study, path):  # safety: export-own-companion
+                raise RecordingError(
+                    f"{path} was not written by haptorb, but would belong to this export: rename it, or choose another "
+                    "name"
+                )
         with replace_files(list(files)) as parts:
             for part, write in zip(parts, files.values(), strict=True):
                 write(part)
-        for path in stale if overwrite else ():  # of an earlier export: it may contain withdrawn participants
+        for path in stale:  # of an earlier export: it may contain withdrawn participants
             path.unlink(missing_ok=True)
     return tuple(files)
 
@@ -158,7 +179,7 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
     def write(part: Path) -> None:
         with part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(("participant", "question", "text", "reply"))
+            writer.writerow(_REPLY_COLUMNS)
             for code, mine in replies.items():
                 rows = ((code, q.name, q.text, mine[q.name]) for q in study.questions if q.name in mine)
                 writer.writerows(map(escape_formula, row) for row in rows)
@@ -167,6 +188,62 @@ def _questions(study: Study, replies: Replies | None, path: Path) -> Files:
         path.with_name(f"{path.stem}-questions.json"): lambda part: write_json(part, describe_questions(study)),
         path.with_name(f"{path.stem}-questions.csv"): write,
     }
+
+
+def explain_foreign(study: Study, path: Path) -> str:
+    """Why the table at `path` and the files beside it are not all of an export of this study and version; empty if they
+    are. A withdrawal replaces them where a database names them, and a stranger may have written that."""
+    try:
+        _check_table(study, path)
+        if _read_columns(path) != list(COLUMNS):  # safety: withdrawn-own-columns
+            return "its columns are not those of an export of this haptorb"
+        dictionary, *others = _companion_files(study, path)
+        others += [path.with_name(f"{path.stem}-{more}") for more in _COMPANION_SUFFIXES]
+        if path.is_symlink() or not _is_companion(study, dictionary):  # safety: withdrawn-own-export
+            return f"{dictionary.name} does not say that it is an export of this version of the study"
+        if other := next((one for one in others if os.path.lexists(one) and not _is_companion(study, one)), None):
+            return f"{other.name} beside it was not written by haptorb"
+    except (RecordingError, ValueError, OSError, csv.Error) as cause:
+        return str(cause)
+    return ""
+
+
+def _is_companion(study: Study, path: Path) -> bool:
+    """Whether the file beside a table is of an export by haptorb, and a data dictionary of this study's version."""
+    name = path.name
+    if path.is_symlink():
+        return False
+    try:
+        if path.suffix == ".json":
+            found = parse_json(read_text(path, "data dictionary", RecordingError))
+            if name.endswith("-questions.json"):
+                return list(found) == list(describe_questions(study))
+            if name.endswith("-events.json"):
+                return list(found) == list(describe_events())
+            own = describe_columns(study)
+            return list(found) == list(own) and found["study"]["Levels"] == own["study"]["Levels"]
+        first = _read_head(path, "file of an export")
+        if path.suffix == ".csv":
+            heads = {",".join(EVENT_COLUMNS), ",".join(_REPLY_COLUMNS)}
+            return first in heads
+        return _SCRIPT_HEAD in first
+    except (RecordingError, ValueError, LookupError, TypeError):
+        return False
+
+
+def _read_head(path: Path, what: str) -> str:
+    """First line of the file, without its end."""
+    with open_regular(path, what, RecordingError) as file:
+        return file.readline(_MAX_HEAD_BYTES).decode("utf-8-sig").rstrip("\r\n")
+
+
+def _read_columns(path: Path) -> list[str]:
+    if path.suffix.lower() == ".csv":
+        return next(csv.reader([_read_head(path, "table")]), [])
+    from pyarrow import parquet
+
+    with open_regular(path, "table", RecordingError) as file, parquet.ParquetFile(file) as table:
+        return [str(name) for name in table.schema_arrow.names]
 
 
 def _check_table(study: Study, path: Path) -> None:

@@ -6,7 +6,9 @@ databases that it was merged from or into, or copied to. A record of the withdra
 
 from __future__ import annotations
 
+import os
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from glob import escape
@@ -16,7 +18,7 @@ from sqlalchemy import func, select, text
 from sqlalchemy.engine import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
-from haptorb.database_address import mask_password
+from haptorb.database_address import mask_password, path_of
 from haptorb.errors import HaptorbError, RecordingError
 from haptorb.sql import connect_file
 from haptorb_study.columns import read_study
@@ -35,6 +37,7 @@ from haptorb_study.database import (
 )
 from haptorb_study.database_copies import Copy, list_copies
 from haptorb_study.export import export_study
+from haptorb_study.export_table import explain_foreign
 from haptorb_study.participant_codes import find_other_spelling
 from haptorb_study.recordings import folder_of, locate_recording
 from haptorb_study.study_file import Study
@@ -65,15 +68,22 @@ class Withdrawal:
         )
 
 
-def withdraw(place: str | Path, code: str, name: str | None = None) -> Withdrawal:
+def withdraw(
+    place: str | Path, code: str, name: str | None = None, *, exports_in: Sequence[str | Path] = ()
+) -> Withdrawal:
     """Remove the participant `code` from the study `name` (default: the only one) in the database at `place`.
+
+    exports_in   folders whose exports are made again, besides those in the folder of the database: the database names
+                 its exports, and a stranger may have written it
 
     Raises RecordingError, with nothing removed, if there is no such participant, or the session is running.
     """
-    return _withdraw(place, code, name, {_identity(place)})
+    return _withdraw(place, code, name, {_identity(place)}, [Path(one).expanduser() for one in exports_in])
 
 
-def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str]) -> Withdrawal:
+def _withdraw(
+    place: str | Path, code: str, name: str | None, visited: set[str], exports_in: Sequence[Path]
+) -> Withdrawal:
     engine = database(place, make=False)
     try:
         study = read_study(engine, name)
@@ -100,19 +110,21 @@ def _withdraw(place: str | Path, code: str, name: str | None, visited: set[str])
         _erase(engine)
         exports: list[str] = []
         databases: list[str] = []
+        path_here = path_of(place)
         for copy in list_copies(engine):
             if copy.study not in ("", study.name):
                 continue
             if copy.kind == "export":
-                _remake(engine, study, copy, exports, left)
+                folders = None if path_here is None else [path_here.parent, *exports_in]
+                _remake(engine, study, copy, folders, exports, left)
             elif _identity(copy.place) not in visited:
                 visited.add(_identity(copy.place))
                 there = str(copy.settings["codes"].get(code, "")) if "codes" in copy.settings else code
-                if there and "://" in copy.place and "://" not in str(place):  # safety: no-strange-host
+                if there and "://" in copy.place and path_here is not None:  # safety: no-strange-host
                     why = "haptorb connects to no server that a file names"
                     left.append(f"{mask_password(copy.place)}: {why}; withdraw {there} there")
                 elif there:
-                    _follow(copy, there, drawn, study, visited, databases, left, gone)
+                    _follow(copy, there, drawn, study, visited, exports_in, databases, left, gone)
         done = Withdrawal(
             code, study.name, trial_count, reply_count, tuple(gone), tuple(exports), tuple(databases), tuple(left)
         )  # fmt: skip
@@ -240,11 +252,30 @@ def _erase(engine: Engine) -> None:
         )
 
 
-def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: list[str]) -> None:
-    """Remake an export without the participant; nothing to do if it no longer exists."""
+def _remake(
+    engine: Engine, study: Study, copy: Copy, folders: Sequence[Path] | None, exports: list[str], left: list[str]
+) -> None:
+    """Remake an export without the participant; nothing to do if it no longer exists.
+
+    The database says where it is: only a complete export of this version of the study is replaced, and only in one of
+    the `folders` (None: anywhere, for a server is trusted).
+    """
     path = Path(copy.place)
+    inside = folders is None or any(_is_inside(path, folder) for folder in folders)
+    if not inside:  # safety: withdrawn-export-inside
+        left.append(
+            f"{path}: an export outside the database's folder is not touched; if it is yours, withdraw again with "
+            f"--exports-in {path.parent}, or remove it"
+        )
+        return
     if not path.exists():
         left.append(f"{path}: this export no longer exists; if it was moved or sent on, remove it there")
+        return
+    if path.suffix and (why := explain_foreign(study, path)):
+        left.append(
+            f"{path}: {why}, so it is not touched; if it is your export, perhaps by an older haptorb, export again "
+            "with --force, or remove it"
+        )
         return
     kind = copy.settings.get("data")
     try:
@@ -254,9 +285,15 @@ def _remake(engine: Engine, study: Study, copy: Copy, exports: list[str], left: 
         left.append(f"{path}: {cause}")
 
 
+def _is_inside(path: Path, folder: Path) -> bool:
+    """Whether `path` is in `folder` or below, links resolved."""
+    real = os.path.realpath(path)
+    return Path(real).is_relative_to(os.path.realpath(folder)) and not path.is_symlink()
+
+
 def _follow(
-    copy: Copy, code: str, drawn: tuple[str, str] | None, study: Study, visited: set[str], databases: list[str],
-    left: list[str], gone: list[str],
+    copy: Copy, code: str, drawn: tuple[str, str] | None, study: Study, visited: set[str], exports_in: Sequence[Path],
+    databases: list[str], left: list[str], gone: list[str],
 ) -> None:  # fmt: skip
     """Remove the participant from another database, where the code is `code`, if it is the same person there: the
     session has the start and the plan `drawn`. A stranger who wrote this database chose both place and code."""
@@ -285,7 +322,7 @@ def _follow(
                 return
         finally:
             engine.dispose()
-        done = _withdraw(copy.place, code, study.name, visited)
+        done = _withdraw(copy.place, code, study.name, visited, exports_in)
         databases += [copy.place, *done.databases]
         left += done.left
         gone += done.recordings

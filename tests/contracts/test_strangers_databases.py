@@ -393,6 +393,71 @@ def test_a_withdrawal_connects_to_no_server_that_a_file_names(folder: Path, caps
             server.accept()
 
 
+def name_export(place: Path) -> str:
+    """Have the database name this export; the code of a person in it."""
+    row = (str(place), "one", "{}", "t")
+    with closing(sqlite3.connect("study.db", isolation_level=None)) as found:
+        found.execute(
+            "INSERT OR IGNORE INTO copies (kind, place, study, settings, at) VALUES ('export', ?, ?, ?, ?)", row
+        )
+        (code,) = found.execute("SELECT code FROM participants WHERE ordinal = 0").fetchone()
+    return str(code)
+
+
+@pytest.mark.parametrize(
+    "way", ["own table", "own columns", "own file beside", "other version", "linked", "outside", "outside folder"]
+)
+def test_a_withdrawal_replaces_exports_of_its_own_study_only(
+    folder: Path, tmp_path: Path, way: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Any table with a column of trials is not one: somebody's own work, in the folder of a stranger's database."""
+    place = tmp_path / "outside" / "rt.csv" if way.startswith("outside") else folder / "rt.csv"
+    place = place.with_suffix("") if way == "outside folder" else place
+    place.parent.mkdir(exist_ok=True)
+    if way == "own table":
+        place.write_text("subject,trial,rt\nA,1,0.35\n")
+        for name in ("rt.json", "rt-questions.csv", "read_rt.py"):
+            (folder / name).write_text("{}")
+    else:
+        assert run(f"study export study.db {place}") == 0
+    if way == "own file beside":
+        (folder / "rt-questions.csv").write_text("my own")
+    elif way == "own columns":
+        place.write_text("subject,trial,rt\nA,1,0.35\n")
+    elif way == "other version":
+        about = folder / "rt.json"
+        about.write_text(about.read_text().replace('"digest ', '"digest 0'))
+    elif way == "linked":
+        (folder / "kept.json").write_text((folder / "rt.json").read_text())
+        (folder / "rt.json").unlink()
+        (folder / "rt.json").symlink_to("kept.json")
+    code = name_export(place)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and "study.db" not in path.name}
+    capsys.readouterr()
+    assert run(f"study withdraw study.db {code} --yes") == 0
+    told = capsys.readouterr()
+    assert "not touched" in told.err
+    assert "0 exports made again" in told.out
+    now = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and "study.db" not in path.name}
+    assert now == before
+    if way == "outside":
+        assert "--exports-in" in told.err
+        assert run(f"study withdraw study.db {code} --yes --exports-in {place.parent}") == 0
+        assert "1 exports made again" in capsys.readouterr().out
+        assert code not in place.read_text()
+
+
+def test_an_export_is_written_over_no_file_of_somebody_else(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What an earlier export left beside a table is removed; other files that have such a name are not."""
+    assert run("study export study.db t.csv") == 0
+    (folder / "t-questions.csv").write_text("participant,question,text,reply\nP99,a,b,c\n")
+    assert run("study export study.db t.csv --force") == 0
+    assert not (folder / "t-questions.csv").exists()
+    (folder / "t-questions.csv").write_text("my own")
+    assert "was not written by haptorb" in refusal("study export study.db t.csv --force", capsys)
+    assert (folder / "t-questions.csv").read_text() == "my own"
+
+
 @pytest.mark.parametrize("end", ["csv", "parquet"])
 def test_an_export_that_a_database_names_is_not_waited_for(folder: Path, end: str) -> None:
     """A pipe, or a file without an end, in place of the export that a withdrawal makes again."""
