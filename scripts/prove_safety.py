@@ -491,6 +491,18 @@ RULES = [
         f"{DATABASES}::test_an_export_is_written_over_no_file_of_somebody_else",
     ),
     (
+        "stored-device",
+        "a database names a device of the catalogue, or one beside it",
+        "always",
+        f"{DATABASES}::test_a_database_names_a_device_of_the_catalogue_or_beside_it_only",
+    ),
+    (
+        "feel-link",
+        "a rating is written through no link",
+        "never",
+        "tests/study/feel/test_design_session.py::test_a_link_in_the_folder_of_ratings_is_not_followed",
+    ),
+    (
         "withdrawn-names",
         "the name of a study is no pattern",
         "replace iter.args[0].values[0].value by name",

@@ -75,9 +75,10 @@ def _check_place(study: Study, folder: Path, overwrite: bool) -> None:
 def _find_other_study(study: Study, folder: Path) -> str:
     """Description of the study that the export in `folder` is of; empty if it is of `study`."""
     try:
-        found = study_of(
-            read_text(folder / "code" / "study.toml", "study file", RecordingError), str(folder), stored=True
-        )
+        text = read_text(folder / "code" / "study.toml", "study file", RecordingError)
+        if text == study.text:
+            return ""
+        found = study_of(text, str(folder), stored=True, devices=study.devices)
     except (OSError, ValueError, HaptorbError):
         return "a study that cannot be read any more"
     if found.digest == study.digest:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,9 @@ def read_study(engine: Engine, name: str | None = None) -> Study:
         raise InputError(
             f"several studies in this database (known: {known}): name one; versions of a study need separate databases"
         )
-    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True)
+    file = engine.url.database if engine.dialect.name == "sqlite" else None
+    devices = Path(file).absolute().parent if file else Path()
+    return study_of(fitting[0].text, f"'{fitting[0].name}' in the database", stored=True, devices=devices)
 
 
 def find_begun_version(engine: Engine, study: Study) -> Study:

@@ -246,8 +246,14 @@ def _explain_difference(first: _Source, other: _Source) -> str:
     lines = []
     for name in sorted(both):
         versions = [next(row for row in of.studies.values() if row.name == name) for of in (first, other)]
+        folders = [folder_of(source.place) for source in (first, other)]
         if versions[0].digest != versions[1].digest:
-            keys = _differing_keys(*(study_of(row.text, f"'{row.name}'", stored=True) for row in versions))
+            keys = _differing_keys(
+                *(
+                    study_of(row.text, f"'{row.name}'", stored=True, devices=folder)
+                    for row, folder in zip(versions, folders, strict=True)
+                )
+            )
             digests = " and ".join(row.digest for row in versions)
             lines.append(f"study '{name}' differs in {', '.join(keys) or 'its text'} (digests {digests})")
     return f"{one} and {two} hold different versions: {'; '.join(lines)}. Nothing was merged: they are two studies"

@@ -67,7 +67,7 @@ def read_registration(path: Path) -> Registration:
     keys = ("name", "study", "plan", "written", "file")
     if not isinstance(found, dict) or not all(isinstance(found.get(key), str) for key in keys):
         raise InputError(f"{path} is not a registration; `haptorb study check FILE --register NAME.toml` writes one")
-    held = study_of(found["file"], f"in {path}", stored=True)
+    held = study_of(found["file"], f"in {path}", stored=True, devices=path.parent)
     if held.plan is None or (held.digest, held.plan.digest) != (found["study"], found["plan"]):
         raise InputError(f"registration {path} was CHANGED: the study in it is not that of its digests")
     return Registration(found["name"], found["study"], found["plan"], found["written"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hashlib import sha256
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
@@ -13,11 +13,11 @@ from haptorb.cli.own_code import start_world_file
 from haptorb.devices import schema as m
 from haptorb.devices.api import electromagnet
 from haptorb.devices.electromagnet import SphericalElectromagnet
-from haptorb.devices.loader import load
+from haptorb.devices.loader import in_catalogue, load
 from haptorb.devices.schema import explain_mistakes
-from haptorb.errors import InputError
+from haptorb.errors import InputError, quote
 from haptorb.file_kind import FileKind
-from haptorb.files import parse_toml, read_bytes, read_text
+from haptorb.files import named_file, parse_toml, read_bytes, read_text
 from haptorb.terminal import announce_wait
 from haptorb.worlds.base import Parameter, World, check_names, parameters
 from haptorb.worlds.user_world import WorldFile, fit_world, is_world_file, parse_world_file, try_world
@@ -199,6 +199,7 @@ class Study(Part):
     ] = None
     _text: str = PrivateAttr("")
     _own: World | None = PrivateAttr(None)
+    _devices: Path | None = PrivateAttr(None)
 
     @model_validator(mode="before")
     @classmethod
@@ -308,8 +309,14 @@ class Study(Part):
         return fresh.replace(**self.values(condition, number, level))
 
     def load_device(self) -> SphericalElectromagnet:
-        """Load the device; InputError if it has no dome."""
-        return electromagnet(load(self.device), "a study with set-points on a dome")
+        """Load the device; InputError if it has no dome, or lies elsewhere than a stored study may name it."""
+        name = self.device if self._devices is None else _find_device(self.device, self._devices)
+        return electromagnet(load(name), "a study with set-points on a dome")
+
+    @property
+    def devices(self) -> Path | None:
+        """Only folder from which the device's file is read, for a stored study; None: any, the person's own study."""
+        return self._devices
 
     def model_on(self, device: SphericalElectromagnet) -> str | None:
         """Controller model on `device`; None: its first. Older studies keep the model of point coils."""
@@ -342,12 +349,15 @@ def read_study(path: str | Path) -> Study:
     )
 
 
-def study_of(text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False) -> Study:
+def study_of(
+    text: str, where: str = "study", folder: Path | None = None, *, stored: bool = False, devices: Path | None = None
+) -> Study:
     """Parse the study `text` (TOML); `where` names it in messages.
 
     folder   of the study file, the base of the path of a world's file; None: no file is read and no code is run, as for
              a study from a database
     stored   from a database: no keys are added, so that its meaning does not change
+    devices  folder with the device's file of a stored study, which a stranger may have written; None: the current one
     """
     try:
         raw = parse_toml(text)
@@ -358,6 +368,8 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
             raw[key], text = newest, f'{key} = "{newest}"\n{text}'
     try:
         study = Study.model_validate(raw).with_text(text, {})
+        if stored:
+            study._devices = devices or Path()
         if not stored and study.set_points.layout == "published" and not study.published_layout:
             study = _add_key(study, "published_layout", _PUBLISHED_LAYOUT)
         if is_world_file(study.world):
@@ -372,6 +384,23 @@ def study_of(text: str, where: str = "study", folder: Path | None = None, *, sto
     except InputError as cause:
         raise InputError(f"study file {where}: {cause}") from cause
     return study
+
+
+def _find_device(name: str, folder: Path) -> str:
+    """Name of a device in the catalogue, or the file of that name in `folder`, whatever folder the study states."""
+    if in_catalogue(name):  # safety: stored-device
+        return name
+    plain = PurePath(name.replace("\\", "/")).name
+    remedy = f"if you trust it, copy it to {folder.absolute() / plain}"
+    if not plain:
+        raise InputError(f"device {quote(name)}: is no device of the catalogue and not the name of a file")
+    path = named_file(plain, folder, "device file", InputError, remedy=remedy)
+    if not path.exists():
+        raise InputError(
+            f"device {quote(name)} is no device of the catalogue; a device file that a stored study names is read only "
+            f"beside the database: {remedy}"
+        )
+    return str(path)
 
 
 def _load_world(study: Study, file: WorldFile) -> Study:

@@ -475,6 +475,30 @@ def test_an_export_that_a_database_names_is_not_waited_for(folder: Path, end: st
     assert (folder / f"zero.{end}").is_symlink()
 
 
+@pytest.mark.parametrize("way", ["elsewhere", "linked", "beside"])
+def test_a_database_names_a_device_of_the_catalogue_or_beside_it_only(
+    folder: Path, tmp_path: Path, way: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It would have any file opened otherwise."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text('based_on = "omni"\nname = "mine"\n')
+    study = study_of(f"device = '{mine}'\n{TEXT}[trials]\nrepetitions = 2\n")
+    text, digest = study.text, study.digest
+    with closing(sqlite3.connect(folder / "study.db", isolation_level=None)) as found:
+        found.execute("PRAGMA foreign_keys = OFF")
+        found.execute("UPDATE studies SET text = ?, digest = ?", (text, digest))
+        found.execute("UPDATE participants SET study = ?", (digest,))
+    if way == "linked":
+        (folder / "mine.toml").symlink_to(mine)
+    elif way == "beside":
+        shutil.move(mine, folder / "mine.toml")
+        assert run("study export study.db t.csv") == 0
+        assert study_of(text, stored=True).load_device().name == "mine"
+        return
+    for line in ("analyse study.db --json", "figures study.db --out f", "export study.db t.csv"):
+        assert f"copy it to {folder / 'mine.toml'}" in refusal(f"study {line}", capsys)
+
+
 def test_the_recordings_of_a_database_lie_beside_it() -> None:
     assert _find_beside("/a/study.db", "/etc/passwd#t=1,2") == "/a/passwd#t=1,2"
     assert _find_beside("study.db", "../../x.mcap") == str(Path.cwd() / "x.mcap")

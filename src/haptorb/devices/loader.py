@@ -25,6 +25,7 @@ __all__ = [
     "build_tables",
     "catalogue",
     "find_device",
+    "in_catalogue",
     "list_mistakes",
     "load",
     "parse",
@@ -56,6 +57,11 @@ def catalogue() -> dict[str, str]:
     for path in sorted(_FOLDER.glob("*.toml")):
         titles[path.stem] = str(parse_toml(path.read_text(encoding="utf-8"))["title"])
     return titles
+
+
+def in_catalogue(name: str) -> bool:
+    """Whether a device of this name comes with the package."""
+    return name in (path.stem for path in _FOLDER.glob("*.toml"))
 
 
 def load(name: str | Path, *, override: bool = False) -> Device:
@@ -100,7 +106,7 @@ def find_device(device: Device | str | Path) -> Device:
 def _read(text: str) -> tuple[str, str]:
     """The file's content, and the name that mistakes are reported under."""
     if not text.lower().endswith(".toml") and "/" not in text:
-        if text not in (path.stem for path in _FOLDER.glob("*.toml")):
+        if not in_catalogue(text):
             if find_kind(text) is None:
                 raise UnknownName("device", text, catalogue())
             return read_text(text, "device file", DeviceError, kind=FileKind.DEVICE), text

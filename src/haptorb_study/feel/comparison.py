@@ -63,7 +63,7 @@ def collect_traces(session: FeelSession) -> dict[str, list[Array]]:
     found: dict[str, list[Array]] = {}
     now = {design.name: design.digest for design in session.candidates.designs}
     for feeling in session.feelings():
-        if now.get(feeling.design) == feeling.digest and (session.folder / feeling.trace).is_file():
+        if now.get(feeling.design) == feeling.digest and session.has_trace(feeling.trace):
             rows = session.trace_with_hand(feeling.trace)
             if len(rows):
                 found.setdefault(feeling.design, []).append(rows)

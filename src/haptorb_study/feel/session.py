@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import stat
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.errors import InputError, RecordingError, quote
-from haptorb.files import read_bytes
+from haptorb.files import named_file, read_bytes
 from haptorb_study.feel.designs import Candidates
 from haptorb_study.feel.records import Choice, DesignRating, Feeling, Record, parse_records, write_line
 from haptorb_study.feel.trace import COLUMNS, HAND, Trace, is_felt, read_trace, write_trace
@@ -66,6 +67,7 @@ class FeelSession:
         self.folder = Path(folder)
         self.candidates = candidates
         self.skipped = 0  #: invalid lines at the last reading
+        self._check_links()
         self._check_designs()
         try:
             (self.folder / "traces").mkdir(parents=True, exist_ok=True)
@@ -73,6 +75,14 @@ class FeelSession:
             raise RecordingError(
                 f"{self.folder}: cannot be created ({cause.strerror}); choose another folder with --session"
             ) from cause
+
+    def _check_links(self) -> None:
+        """Raise RecordingError for links: the folder lies beside the file of designs, and may have come with it."""
+        for path in (self.folder, self._path, self.folder / "traces"):
+            if path.is_symlink():  # safety: feel-link
+                raise RecordingError(
+                    f"{path} is a link, which is not followed: remove it, or name another folder with --session"
+                )
 
     def _check_designs(self) -> None:
         rated = {record.design for record in self._records()}
@@ -105,7 +115,7 @@ class FeelSession:
             rating_of(name, SCORES).check_answer(Answer(score))
         except InputError as cause:
             raise InputError(f"a score is a whole number from {SCORES[0]} to {SCORES[1]}; got {score!r}") from cause
-        if trace and not (self.folder / trace).is_file():
+        if trace and not self.has_trace(trace):
             raise InputError(f"{self.folder}: there is no trace '{trace}'")
         rating = DesignRating(name, design.digest, score, person, comment, utc_now(), trace, feeling, blind)
         self._write(rating)
@@ -156,7 +166,18 @@ class FeelSession:
 
     def trace_with_hand(self, name: str) -> Array:
         """(n, 18) rows of a stored trace, by COLUMNS and HAND."""
-        return read_trace(self.folder / name)
+        return read_trace(self._locate(name))
+
+    def has_trace(self, name: str) -> bool:
+        """Whether there is a stored trace of this name; False for a name of a file elsewhere."""
+        try:
+            return self._locate(name).is_file()
+        except RecordingError:
+            return False
+
+    def _locate(self, name: str) -> Path:
+        """File of a trace; RecordingError if it lies elsewhere: the records name it, and may be a stranger's."""
+        return named_file(name, self.folder, "trace", RecordingError, remedy="traces lie in the session's folder")
 
     def ratings(self) -> tuple[DesignRating, ...]:
         """All valid ratings, oldest first: the last one of each presentation."""
@@ -168,9 +189,7 @@ class FeelSession:
         """Whether a stored trace of the current version of design `name` exceeds the perception limits."""
         digest = self.candidates[name].digest
         return any(
-            (one.design, one.digest) == (name, digest)
-            and (self.folder / one.trace).is_file()
-            and is_felt(self.trace(one.trace))
+            (one.design, one.digest) == (name, digest) and self.has_trace(one.trace) and is_felt(self.trace(one.trace))
             for one in self.feelings()
         )
 
@@ -212,7 +231,10 @@ class FeelSession:
 
     def _write(self, record: Record) -> None:
         try:
-            with self._path.open("ab+") as file:
+            self._check_links()
+            with open(self._path, "ab+", opener=_open_own) as file:
+                if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                    raise RecordingError(f"{self._path}: cannot be written (not a regular file)")
                 end = file.seek(0, os.SEEK_END)
                 if end:  # a line truncated by a crash must not absorb this one
                     file.seek(end - 1)
@@ -222,7 +244,9 @@ class FeelSession:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as cause:
-            raise RecordingError(f"{self._path}: cannot be written ({cause.strerror})") from cause
+            raise RecordingError(
+                f"{self._path}: cannot be written ({cause.strerror or 'not a regular file'})"
+            ) from cause
 
     def _records(self) -> list[Record]:
         try:
@@ -233,6 +257,11 @@ class FeelSession:
         text = read_bytes(self._path, _MAX_RECORD_BYTES, "ratings", RecordingError).decode("utf-8-sig", "replace")
         found, self.skipped = parse_records(text.splitlines())
         return found
+
+
+def _open_own(path: str, flags: int) -> int:
+    """Open a file without following a link, and without waiting for the reader of a pipe; an `opener` for `open`."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 def _is_score(value: int) -> bool:

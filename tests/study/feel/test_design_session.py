@@ -54,6 +54,50 @@ def test_feel_rate_choose_and_come_back(tmp_path: Path) -> None:
     assert rows == pytest.approx(feel(again, "firm").rows, rel=1e-8, abs=1e-12)
 
 
+@pytest.mark.parametrize("name", ["", "ratings.jsonl", "traces"])
+@pytest.mark.parametrize("when", ["before", "meanwhile"])
+def test_a_link_in_the_folder_of_ratings_is_not_followed(tmp_path: Path, name: str, when: str) -> None:
+    """The folder lies beside the file of designs, and may have come with it: a rating must not go into another file."""
+    outside, folder = tmp_path / "outside", tmp_path / "s"
+    outside.mkdir()
+    (outside / "notes").write_text("my own\n")
+    session = None
+    if when == "meanwhile":
+        session = FeelSession(folder, load_designs(EXAMPLE))
+        folder.rename(tmp_path / "old")
+    if name:
+        folder.mkdir()
+    (folder / name).symlink_to(outside / "notes" if name == "ratings.jsonl" else outside)
+    with pytest.raises(RecordingError, match="is a link"):
+        (session or FeelSession(folder, load_designs(EXAMPLE))).rate("firm", 7)
+    assert [path.name for path in outside.iterdir()] == ["notes"]
+    assert (outside / "notes").read_text() == "my own\n"
+
+
+def test_ratings_go_into_no_pipe(tmp_path: Path) -> None:
+    session = FeelSession(tmp_path, load_designs(EXAMPLE))
+    os.mkfifo(tmp_path / "ratings.jsonl")
+    with pytest.raises(RecordingError, match="not a regular file"):
+        session.rate("firm", 7)
+
+
+@pytest.mark.parametrize("way", ["absolute", "above", "linked"])
+def test_a_trace_lies_in_the_folder_of_ratings(tmp_path: Path, way: str) -> None:
+    """The records name it, and a stranger may have written them."""
+    session = FeelSession(tmp_path / "s", load_designs(EXAMPLE))
+    kept = tmp_path / "s" / session.store_trace(feel(session, "firm"))
+    outside = kept.rename(tmp_path / "outside.csv")
+    name = {"absolute": str(outside), "above": "../outside.csv", "linked": "traces/firm-0001.csv"}[way]
+    if way == "linked":
+        kept.symlink_to(outside)
+    lines = (tmp_path / "s" / "ratings.jsonl").read_text().replace("traces/firm-0001.csv", name)
+    (tmp_path / "s" / "ratings.jsonl").write_text(lines)
+    assert session.feelings()[0].trace == name
+    assert not session.was_felt("firm")
+    with pytest.raises(RecordingError, match="lies outside"):
+        session.trace(name)
+
+
 def test_a_rating_belongs_to_the_design_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "designs.toml"
     path.write_text(EXAMPLE.read_text())
