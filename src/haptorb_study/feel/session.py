@@ -244,9 +244,8 @@ class FeelSession:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as cause:
-            raise RecordingError(
-                f"{self._path}: cannot be written ({cause.strerror or 'not a regular file'})"
-            ) from cause
+            why = cause.strerror or "not a regular file"  # Python's own error of a pipe has no words of the system
+            raise RecordingError(f"{self._path}: cannot be written ({why})") from cause
 
     def _records(self) -> list[Record]:
         try:
