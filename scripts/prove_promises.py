@@ -18,6 +18,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -460,6 +461,8 @@ def run_all(promises: dict[str, list[str]], words: list[str]) -> int:
 
 def main() -> int:
     """Prove every chosen row; the exit code is 1 unless every command fails where its promise is broken."""
+    # A shell has what it starts in the background ignore Ctrl-C, and so would the programs that commands end by it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     words = [word for word in sys.argv[1:] if word not in ("--list", "--intact")]
     promises = read_promises(TABLE.read_text(encoding="utf-8"))
     if "--intact" in sys.argv:

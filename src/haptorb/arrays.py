@@ -34,6 +34,7 @@ __all__ = [
     "rotation",
     "state_zeros",
     "vectors",
+    "whole_number",
 ]
 
 
@@ -324,6 +325,17 @@ def make_numbers(*names: str) -> tuple[StateArray, Any]:
     """Return a (1,) record of float64 with these names, and its numbers in order, as `make_block` does."""
     arrays, cells = make_block({}, numbers=names)
     return arrays["numbers"], cells
+
+
+def whole_number(text: str, digits: int = 9) -> int | None:
+    """Return the whole number that `text` is, of at most so many decimal digits; None for anything else.
+
+    Python refuses to convert thousands of digits, and converts those of other scripts: a foreign text may have both.
+
+    >>> whole_number("042"), whole_number("9" * 5000), whole_number("-1"), whole_number("٣")
+    (42, None, None, None)
+    """
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= digits else None
 
 
 def choose(number: float, count: int) -> int:

@@ -76,7 +76,7 @@ class StoredSession:
         except SQLAlchemyError as cause:
             raise _storage_error(cause) from cause
         try:
-            self.procedure, self.number = self._replay(procedure_of(study, stored))
+            self.procedure, self.number = self._replay(self._read_plan(stored))
             self._replied = self._list_answered()
             self.history = self._list_events()
             self.resumed = self.number > 0
@@ -326,6 +326,15 @@ class StoredSession:
         )
         with self.engine.connect() as connection:
             return [dict(row) for row in connection.execute(query).mappings()]
+
+    def _read_plan(self, stored: dict[str, Any]) -> Procedure:
+        """The procedure of the stored plan; RecordingError for a plan that this program did not store."""
+        try:
+            return procedure_of(self.study, stored)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as cause:
+            raise RecordingError(
+                f"session {self.id}: its plan cannot be read ({type(cause).__name__}: {cause}); the data were changed"
+            ) from cause
 
     def _replay(self, procedure: Procedure) -> tuple[Procedure, int]:
         """The procedure after all stored answers, and the number of the next trial."""

@@ -64,6 +64,14 @@ def rewrite(recording: Recording, path: Path, drop: tuple[str, ...] = (), **chan
     return Recording(path)
 
 
+@pytest.mark.parametrize("number", ["9" * 5000, "٣", "²", "-1", ""])
+def test_a_change_of_the_world_has_a_number_that_can_be_read(tmp_path: Path, number: str) -> None:
+    """Python refuses to convert thousands of digits."""
+    whole = record_chain(tmp_path / "run.mcap", ticks=40)
+    other = rewrite(whole, tmp_path / "other.mcap", world={"change": number})
+    assert Replay(other).run().compared == 40
+
+
 def test_a_truncated_file_replays_as_far_as_it_goes(tmp_path: Path) -> None:
     whole = record_chain(tmp_path / "run.mcap")
     content = whole.path.read_bytes()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, final
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, whole_number
 from haptorb.control.saturation import Saturation
 from haptorb.display import curves_svg, facts_html, format_quantity
 from haptorb.errors import RecordingError, RecordingWarning, UnknownName, quote
@@ -730,9 +730,9 @@ class Recording:
 
     def _parse_count(self, values: dict[str, str], key: str) -> int:
         text = values.get(key, "")
-        if not (text.isascii() and text.isdecimal() and len(text) <= 15):
+        if (count := whole_number(text, 15)) is None:
             raise RecordingError(f"{self.path}: a note's '{key}' must be a whole number; got {quote(text)}")
-        return int(text)
+        return count
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write all rows to a CSV file, one column per number, without rounding.

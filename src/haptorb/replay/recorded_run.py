@@ -10,7 +10,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from haptorb import worlds
-from haptorb.arrays import Array, Records
+from haptorb.arrays import Array, Records, whole_number
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.base import Device, DeviceText, State
 from haptorb.devices.loader import catalogue, load, parse
@@ -172,8 +172,8 @@ class RecordedRun:
     def _read_descriptions(self, recording: Recording) -> dict[int, str]:
         found = {}
         for note in recording.worlds:
-            if (number := note.get("change", "")).isdecimal():
-                found[int(number)] = note.get("world", "")
+            if (number := whole_number(note.get("change", ""))) is not None:
+                found[number] = note.get("world", "")
         first = self._run.get("first_world", "")
         if 0 not in found and first:
             found[0] = first

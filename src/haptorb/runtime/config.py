@@ -14,7 +14,7 @@ import numpy as np
 from haptorb import worlds
 from haptorb.analysis.coupling import CouplingSetting
 from haptorb.analysis.stability import HandGrip, check_grip
-from haptorb.arrays import Array
+from haptorb.arrays import Array, whole_number
 from haptorb.control.linkage import Gains, make_linkage
 from haptorb.control.registry import make_choice
 from haptorb.devices.api import electromagnet
@@ -446,10 +446,7 @@ def _read_frame(text: str, origin: _Origin) -> TrackerFrame | None:
 
 
 def _read_seed(text: str, _: _Origin) -> int | None:
-    try:
-        return int(text) if text.isascii() and text.isdecimal() else None
-    except ValueError:  # more digits than Python converts
-        return None
+    return whole_number(text, 1000)
 
 
 def _write_gains(run: RunConfig) -> str:

@@ -19,10 +19,10 @@ from time import monotonic, process_time, sleep
 from types import TracebackType
 from typing import Any, Literal, Protocol, Self, cast, final
 
-from haptorb.arrays import Array, record
+from haptorb.arrays import Array, record, whole_number
 from haptorb.child_process import pack
 from haptorb.devices.base import Device
-from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName
+from haptorb.errors import DriverError, HaptorbError, InputError, UnknownName, quote
 from haptorb.files import foreign_text, private_temporary_folder
 from haptorb.runtime.config import RunConfig
 from haptorb.runtime.linux import end_process, is_parent_gone, require_linux, run_uninterrupted, send_beside
@@ -633,9 +633,10 @@ def check_port(text: str, form: str) -> int:
     >>> check_port("10001", "foxglove[:PORT]")
     10001
     """
-    if not (text.isascii() and text.isdecimal() and int(text) <= 65535):
-        raise InputError(f"--serve {form}: a port is a whole number from 0 to 65535; got '{text}'")
-    return int(text)
+    port = whole_number(text)
+    if port is None or port > 65535:
+        raise InputError(f"--serve {form}: a port is a whole number from 0 to 65535; got {quote(text)}")
+    return port
 
 
 def has_other_loopback() -> bool:

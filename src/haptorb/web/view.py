@@ -22,7 +22,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, whole_number
 from haptorb.control.registry import has_choice
 from haptorb.devices.base import Device, DeviceText
 from haptorb.devices.loader import catalogue, load, parse
@@ -405,8 +405,8 @@ def _version_key(version: str) -> tuple[int, ...]:
     >>> _version_key("0.10.0") > _version_key("0.9.3"), _version_key("unknown")
     (True, ())
     """
-    parts = version.split(".")[:3]
-    return tuple(int(part) for part in parts) if all(part.isascii() and part.isdecimal() for part in parts) else ()
+    parts = [whole_number(part) for part in version.split(".")[:3]]
+    return tuple(part for part in parts if part is not None) if None not in parts else ()
 
 
 # --------------------------------------------------------------------------------------------------

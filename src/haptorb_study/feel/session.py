@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptorb.arrays import Array
+from haptorb.arrays import Array, whole_number
 from haptorb.errors import InputError, RecordingError, quote
 from haptorb.files import named_file, read_bytes
 from haptorb_study.feel.designs import Candidates
@@ -131,7 +131,7 @@ class FeelSession:
         """Reserve a name for a new trace of design `name`: creates an empty file."""
         folder = self.folder / "traces"
         taken = [p.stem.rsplit("-", 1)[1] for p in folder.glob("*.csv") if p.stem.rpartition("-")[0] == name]
-        number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
+        number = 1 + max((whole_number(text) or 0 for text in taken), default=0)
         path = folder / f"{name}-{number:04d}.csv"
         write_trace(path, np.empty((0, len(COLUMNS) + len(HAND))))
         return f"traces/{path.name}"

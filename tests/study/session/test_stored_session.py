@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,22 @@ def test_a_session_is_answered_to_its_end_and_read_back(identify: Study, tmp_pat
     # 36° apart on a sphere of 50 mm: a chord of 2 · 50 · sin 18°.
     assert columns["distance_mm"][~top] == pytest.approx(30.9017, abs=1e-3)
     assert columns["correct"].tolist() == [float(x) for x in top]
+
+
+@pytest.mark.parametrize("key", ["parts", "pauses", "turns"])
+@pytest.mark.parametrize("value", [None, 7, "x", [{}], {"x": 1}, {"9" * 5000: 1}])
+def test_a_plan_of_a_stranger_is_refused_in_words(identify: Study, tmp_path: Path, key: str, value: object) -> None:
+    """And the session is free again for whoever mends it."""
+    engine = database(tmp_path / "s.db")
+    with StoredSession(engine, identify, "P01"):
+        pass
+    with sqlite3.connect(tmp_path / "s.db") as raw:
+        (plan,) = raw.execute("SELECT plan FROM sessions").fetchone()
+        raw.execute("UPDATE sessions SET plan = ?", [json.dumps({"turns": [], **json.loads(plan), key: value})])
+    raw.close()
+    for _ in range(2):
+        with pytest.raises(RecordingError, match=r"plan cannot be read|data were changed"):
+            StoredSession(engine, identify, "P01")
 
 
 def test_a_code_that_has_finished_is_refused(identify: Study, tmp_path: Path) -> None:

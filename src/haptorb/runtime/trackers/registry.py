@@ -17,7 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
-from haptorb.errors import DriverError, InputError, UnknownName
+from haptorb.arrays import whole_number
+from haptorb.errors import DriverError, InputError, UnknownName, quote
 from haptorb.runtime.drivers.registry import is_real
 from haptorb.runtime.trackers.base import Feed
 
@@ -206,9 +207,10 @@ def _check_installed(kind: str) -> None:
 
 
 def _port(text: str, form: str) -> int:
-    if not (text.isdecimal() and 1 <= int(text) <= 65535):
-        raise InputError(f"tracker must be {form} with a port from 1 to 65535; got port '{text}'")
-    return int(text)
+    port = whole_number(text)
+    if port is None or not 1 <= port <= 65535:
+        raise InputError(f"tracker must be {form} with a port from 1 to 65535; got port {quote(text)}")
+    return port
 
 
 @final
