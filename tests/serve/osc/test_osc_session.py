@@ -392,6 +392,7 @@ def test_the_last_force_counts_that_was_sent_while_a_socket_was_opened(
     program.say("/haptorb/force", 0.25, 0.0, 0.0)
     setting.session.read_messages()
     before.clear()
+    sleep(0.002)  # the order of messages from two sockets is known to 0.1 ms
     program.say("/haptorb/force", 0.75, 0.0, 0.0)
     setting.look()
     setting.look()
