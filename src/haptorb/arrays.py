@@ -332,7 +332,7 @@ def whole_number(text: str, digits: int = 9) -> int | None:
 
     Python refuses to convert thousands of digits, and converts those of other scripts: a foreign text may have both.
 
-    >>> whole_number("042"), whole_number("9" * 5000), whole_number("-1"), whole_number("٣")
+    >>> whole_number("042"), whole_number("9" * 5000), whole_number("-1"), whole_number("\\u0663")
     (42, None, None, None)
     """
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= digits else None

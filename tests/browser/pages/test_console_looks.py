@@ -30,18 +30,19 @@ def test_every_state_has_its_word_and_its_way_out(shared):
     assert page.get_by_role("alert").first.is_hidden()
     fake.winding = np.array([303.0, 341.0, 300.0])
     screen.until("haptorb.status === 'warm'")
-    assert "68 °C" in page.locator("#alert").inner_text()
+    alert = page.locator("#alert")  # drawn with the next frame
+    screen.wait_for(lambda: "68 °C" in alert.inner_text(), alert.inner_text)
     fake.guard, fake.winding = GuardState.DERATED, np.array([303.0, 361.15, 300.0])
     screen.until("haptorb.status === 'derated'")
-    assert "70 %" in page.locator("#alert").inner_text()
+    screen.wait_for(lambda: "70 %" in alert.inner_text(), alert.inner_text)
     for trip in Trip:
         if trip in (Trip.NONE, Trip.CLOSING):
             continue
         fake.guard, fake.trip = GuardState.TRIPPED, trip
         wanted = "stopped" if trip is Trip.STOPPED else "tripped"
         screen.until(f"haptorb.status === '{wanted}' && haptorb.value('trip')[0] === {int(trip)}")
-        words, alert = describe_trip(trip, fake.tracker), page.locator("#alert")
-        screen.wait_for(lambda words=words, alert=alert: words in alert.inner_text(), alert.inner_text)
+        words = describe_trip(trip, fake.tracker)
+        screen.wait_for(lambda words=words: words in alert.inner_text(), alert.inner_text)
         assert page.get_by_role("button", name="Re-engage").is_visible()
     fake.guard, fake.trip = GuardState.OFF, Trip.NONE
     screen.until("haptorb.status === 'off'")
@@ -50,7 +51,7 @@ def test_every_state_has_its_word_and_its_way_out(shared):
     screen.until("haptorb.status === 'running'")
     fake.silent = True
     screen.until("haptorb.status === 'waiting'")
-    assert page.locator("#asked").inner_text() == "–"
+    screen.wait_for(lambda: page.locator("#asked").inner_text() == "–")
 
 
 def test_coils_that_are_confirmed_off_again_are_no_longer_unknown(shared):
