@@ -83,7 +83,7 @@ def test_hand_that_holds_survives_a_silence_of_the_server(staged, fake):
     page.mouse.move(x + 20, y)
     fake.silent = True
     screen.until("haptorb.status === 'waiting'")
-    assert page.locator("#asked").inner_text() == "–"
+    screen.wait_for(lambda: page.locator("#asked").inner_text() == "–")
     fake.silent = False
     screen.until("haptorb.status === 'running'")
     before = fake.target.copy()
