@@ -240,7 +240,12 @@ BREAKS = (
         Break("What changes who commands", "python benchmarks/safety/client_forces.py", change, "--events 2000")
         for change in ("client-force-rate", "clients-pass-zero")
     ),
-    Break("What changes who commands", "python benchmarks/safety/client_forces.py", "clients-flow-at-their-rate"),
+    Break(
+        "What changes who commands",
+        "python benchmarks/safety/client_forces.py",
+        "clients-flow-at-their-rate",
+        "--events 5000",
+    ),
     Break("What changes who commands", "pytest tests/runtime/tick/test_tick.py -k another_world", "another-of-a-class"),
     Break("Only the client that holds", "pytest tests/serve/test_handover.py", "holder-maps"),
     Break(

@@ -6,7 +6,8 @@ The real chain of a simulated Omni runs in one process on a clock that this prog
 and servers, two clients of the `haply` service and one of a second server. A hand that only yields holds the tool. An
 event is one of: a client begins to push, pulls like a spring, falls silent, leaves and comes back, changes its own
 mapping in its messages, is moved by `set_transform`; somebody changes all mappings, or the holder's, over HTTP; what a
-client commanded waits for a stopped server; the world changes; Stop, engage, a lost pose.
+client commanded waits for a stopped server; the world changes; Stop, engage, a lost pose; warm coils that give a share
+of their current, and are cool again at once.
 
 Checked in every tick, from outside of the guard: what is asked of the coils for clients changes by no more than
 `limits.force_rate` × the tick, except that a Stop or trip takes it away at once; a Stop leaves nothing in its own tick;
@@ -112,10 +113,11 @@ class Setting:
         self.window: list[float] | None = None  # time since the change, true energy, the clients' own
         self.true_force = np.zeros(3)
         self.counts: Counter[str] = Counter()
+        self.winding = 300.0
         self.deeds = [
             (10, self.push), (6, self.spring), (4, self.fall_silent), (3, self.leave), (4, self.map_own),
             (3, self.move_own), (4, self.map_all), (3, self.map_holder), (3, self.wait), (3, self.change_world),
-            (0.1, self.stop), (3, self.engage), (0.05, self.lose_pose),
+            (0.1, self.stop), (3, self.engage), (0.05, self.lose_pose), (0.3, self.warm),
         ]  # fmt: skip
 
     def close(self) -> None:
@@ -193,6 +195,14 @@ class Setting:
         self.tick.engage()
         self.engaged, self.stopped = self.engaged or self.stopped, False
 
+    def warm(self) -> None:
+        """Coils that are warm get a share of their current for some ticks; then they are cool at once."""
+        heat = self.device.coils.heat
+        self.winding = heat.derate + self.random.choice((0.2, 0.5, 0.9)) * (heat.stop - heat.derate)
+        for _ in range(self.random.choice((3, 20))):
+            self.step()
+        self.winding = 300.0
+
     def lose_pose(self) -> None:
         update = self.tick.estimator.update
         self.tick.estimator.update = lambda sample: replace(update(sample), valid=False)  # type: ignore[method-assign]
@@ -228,7 +238,7 @@ class Setting:
         now = self.clock[0]
         self.shared.client_forces.fill(tick.client, now)
         t = self.ticks * DT
-        tick.protection.coils["winding"] = 300.0  # nothing here is about heat
+        tick.protection.coils["winding"] = self.winding
         tick.driver.cool()
         tick.prepare(t)
         tick.step(row, t)
