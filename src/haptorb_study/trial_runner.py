@@ -214,19 +214,24 @@ class TrialRunner:
     def leave(self) -> None:
         """Leave the session, which can be resumed at this trial. Coils off first."""
         if self.state not in OVER:
-            self.halt.stop(None)
-            self.apply_stop()
+            self._switch_off()
             self._record_event("leave")
             self.state = "left"
 
     def abort(self, why: str = "") -> None:
         """Abort the session. Coils off first, even if the end cannot be stored."""
         if self.state not in OVER:
-            self.halt.stop(None)
-            self.apply_stop()
+            self._switch_off()
             self.session.abort(why)
             self._mark("abort", {"trial": self.session.number + 1})
             self.state = "aborted"
+
+    def _switch_off(self) -> None:
+        """Coils off, because the session ends."""
+        # Of a Stop in force, no second: a new one would stop the session that somebody has asked for since, too.
+        if not self.halt.active:
+            self.halt.stop(None)
+        self.apply_stop()
 
     def _continue(self) -> None:
         """State after an answer: question, break, trial or end."""

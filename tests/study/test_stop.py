@@ -358,6 +358,32 @@ def test_the_thread_outlives_a_fault_that_nobody_foresaw(host: StudyHost) -> Non
     host.first.state("running", 1)
 
 
+@pytest.mark.parametrize("end", ["leave", "abort"])
+def test_the_end_of_a_session_does_not_stop_the_next_one_that_waits(
+    end: str, host: StudyHost, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slow database: the experimenter ends a session and begins the next one before the first has ended."""
+    host.trial()
+    step, waits, go = type(host.manager).step, threading.Event(), threading.Event()
+
+    def wait(self: Any, seconds: float = 0.0) -> None:
+        waits.set()
+        go.wait(20)
+        step(self, seconds)
+
+    monkeypatch.setattr(type(host.manager), "step", wait)
+    assert waits.wait(20)
+    host.experimenter.do(end)
+    host.experimenter.do("begin", code="P02")
+    _until(lambda: host.manager._queue.qsize() == 2)
+    go.set()
+    host.experimenter.until(lambda page: page.view["code"] == "P02")
+    host.experimenter.state("consent")
+    assert len(host.served.servos) == 2
+    assert host.served.servos[0].off
+    assert not host.servo.off
+
+
 def test_a_thread_that_dies_ends_the_server_with_the_coils_off(
     host: StudyHost, monkeypatch: pytest.MonkeyPatch
 ) -> None:
