@@ -89,7 +89,7 @@ BREAKS = (
     ),
     Break("A terminal or pager", "pytest tests/runtime/servo/test_ends.py -k not_read", "output-queued"),
     Break("A servo in an event loop", "pytest tests/runtime/servo/test_async.py", "async-stop-first"),
-    Break("SIGINT, SIGTERM and SIGHUP", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
+    Break("SIGINT, SIGTERM, SIGHUP and SIGQUIT", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
     *(
         Break("A child process runs nothing", "pytest tests/test_child_process.py", change)

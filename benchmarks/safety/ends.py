@@ -3,11 +3,11 @@
     python benchmarks/safety/ends.py [--ends 168] [--lanes 2] [--boards sim emulated] [--faults NAME…]
                                      [--into FILE.jsonl] [--json]
 
-Whole programs are run and ended: by SIGINT, SIGTERM, SIGHUP, `--duration`, an exception in the world, leaving the
-`with` block of a Python program, a page's Stop; while nothing, the server, the recorder, the tracker or the compiler is
-stopped by SIGSTOP, the recording is a pipe that nobody reads, or the terminal does not read while the world prints and
-its file was saved with a mistake; on the simulated device and on the emulated board
-(which needs `make firmware` and `make -C firmware emulator`). Each end begins with the coils on.
+Whole programs are run and ended: by SIGINT, SIGTERM, SIGHUP, SIGQUIT, `--duration`, an exception in the world, leaving
+the `with` block of a Python program, a page's Stop; while nothing, the server, the recorder, the tracker or the
+compiler is stopped by SIGSTOP, the recording is a pipe that nobody reads, or the terminal does not read while the
+world prints and its file was saved with a mistake; on the simulated device and on the emulated board (which needs
+`make firmware` and `make -C firmware emulator`). Each end begins with the coils on.
 
 Measured from outside the program, from just before the signal is sent (flag made, line written, message sent, duration
 over). Simulated device: until the wall time of the row after the first one with every duty zero, or of the last row.
@@ -55,7 +55,7 @@ from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 LIMIT = 20.0  #: [ms]
 EARLY = 2.0  #: the board's clock and this program's agree so far about the end of a duration [ms]
 BUILD = Path(__file__).resolve().parents[2] / "firmware" / "build"
-SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGHUP": signal.SIGHUP}
+SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGHUP": signal.SIGHUP, "SIGQUIT": signal.SIGQUIT}
 ENDS = (*SIGNALS, "duration", "exception", "with", "page")
 FAULTS = ("nothing", "server", "recorder", "tracker", "compiler", "disk", "terminal")
 BOARDS = ("sim", "emulated")

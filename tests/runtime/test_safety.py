@@ -49,7 +49,7 @@ def _duties_off(servo: Any) -> bool:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
 def test_told_to_end_at_any_moment(fake_servo: Any, number: signal.Signals) -> None:
     chance = random.Random(int(number))
     for _ in range(3 if number == signal.SIGTERM else 1):

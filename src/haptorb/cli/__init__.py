@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _find_interruption(failure: BaseException) -> BaseException | None:
-    """Return the exception of the signal (Ctrl-C, SIGTERM, SIGHUP) that caused `failure`, if one did."""
+    """Return the exception of the signal (Ctrl-C, SIGTERM and others) that caused `failure`, if one did."""
     cause: BaseException | None = failure
     while isinstance(cause, Exception):
         cause = cause.__cause__ or cause.__context__

@@ -1,7 +1,7 @@
 """The program `haptorb`: its commands and exit codes.
 
 Exit codes: 0 success, 1 the command ran and its check failed, 2 user error explained by a message, 130 interrupted,
-143 and 129 ended by SIGTERM and SIGHUP.
+143, 129 and 131 ended by SIGTERM, SIGHUP and SIGQUIT.
 """
 
 from __future__ import annotations

@@ -43,6 +43,7 @@ __all__ = [
     "die_with_parent",
     "end_group",
     "end_process",
+    "forbid_core_dumps",
     "hold_signals",
     "is_linux",
     "is_parent_gone",
@@ -547,15 +548,26 @@ class TickTimeout(BaseException):
 
 
 # --------------------------------------------------------------------------------------------------
-# Termination signals: SIGINT (Ctrl-C), SIGTERM, and SIGHUP of a closed terminal.
+# Termination signals: SIGINT (Ctrl-C), SIGTERM, SIGHUP of a closed terminal, and SIGQUIT (Ctrl-\\).
 
 
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGINT,)
+END_SIGNALS = (
+    signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP, signal.SIGQUIT) if hasattr(signal, "SIGHUP") else ())
+)  # fmt: skip
+
+
+def forbid_core_dumps() -> None:
+    """Let this process die at once of a crash: while its memory is dumped, seconds, nobody learns that it is dead."""
+    with suppress(ImportError, OSError, ValueError):  # Windows has no such limit; the system may permit none
+        import resource
+
+        # 1, not 0: less than any dump, and the only limit that also forbids dumps into a program (core(5)).
+        resource.setrlimit(resource.RLIMIT_CORE, (1, resource.getrlimit(resource.RLIMIT_CORE)[1]))
 
 
 @final
 class Termination(BaseException):
-    """Raised for SIGTERM or SIGHUP, as KeyboardInterrupt for SIGINT, so that `with` blocks switch the coils off."""
+    """Raised for all of them but SIGINT, as KeyboardInterrupt for that, so that `with` blocks switch the coils off."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -564,7 +576,7 @@ class Termination(BaseException):
 
 @contextmanager
 def raise_termination() -> Iterator[None]:
-    """Context in which SIGTERM and SIGHUP raise Termination, so that open resources are closed.
+    """Context in which SIGTERM, SIGHUP and SIGQUIT raise Termination, so that open resources are closed.
 
     An ignored signal (`nohup`) stays ignored. Main thread only; elsewhere it has no effect.
     """

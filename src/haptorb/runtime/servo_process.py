@@ -42,6 +42,7 @@ from haptorb.runtime.linux import (
     TickTimeout,
     die_with_parent,
     end_group,
+    forbid_core_dumps,
     is_linux,
     is_parent_gone,
     request_real_time,
@@ -105,6 +106,7 @@ def main(folder: Path, parent: int) -> int:
 
     The `folder` was created for this process alone.
     """
+    forbid_core_dumps()
     _load()  # in parallel with the host, which reads a device file
     message = sys.stdin.buffer.read()
     die_with_parent()  # by SIGKILL, as long as there are no coils to switch off

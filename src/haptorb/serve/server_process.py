@@ -16,7 +16,7 @@ from typing import Any
 
 from haptorb.child_process import unpack
 from haptorb.errors import HaptorbError
-from haptorb.runtime.linux import die_with_parent
+from haptorb.runtime.linux import END_SIGNALS, die_with_parent
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 from haptorb.serve.base import ServedDevice, load_kind
 
@@ -29,8 +29,8 @@ def main(spec: dict[str, Any]) -> int:
     `spec`: shared (path), slot, parent (process id), kind, given (the preparation's spec), descriptors (open sockets),
     device (Device), facts (of the run).
     """
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # this process ends with the servo instead
+    for number in END_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)  # this process ends with the servo instead, or by the host's SIGTERM
     die_with_parent()
     shared = SharedMemory(Path(spec["shared"]))
     served = ServedDevice(shared, spec["slot"], spec["parent"], spec["device"], spec["facts"])

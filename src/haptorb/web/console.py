@@ -162,7 +162,7 @@ class Console:
         return self._server.started
 
     def serve(self, *, open_browser: bool = False, until: Callable[[], bool] = lambda: False) -> int | None:
-        """Serve until `close`, SIGINT, SIGTERM or SIGHUP (its number is returned), `until()`, or the end of the servo.
+        """Serve until `close`, a signal (its number is returned), `until()`, or the end of the servo.
 
         The loop ends with the server, coils off first, because the page could not stop it any more. Signals are
         handled only in the main thread; the previous handlers are restored.

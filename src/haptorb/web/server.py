@@ -31,7 +31,7 @@ from uvicorn.server import ServerState
 
 from haptorb.errors import InputError
 from haptorb.files import private_temporary_folder
-from haptorb.runtime.linux import is_linux
+from haptorb.runtime.linux import END_SIGNALS, is_linux
 
 if TYPE_CHECKING:
     import h11
@@ -439,7 +439,7 @@ def freeze_garbage() -> Generator[None, None, None]:
 
 @contextlib.contextmanager
 def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
-    """Handle SIGINT, SIGTERM and SIGHUP with `handle` in the main thread; no effect in others."""
+    """Handle signals that end a program with `handle` in the main thread; no effect in others."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -447,9 +447,8 @@ def signals(handle: Callable[[int], None]) -> Generator[None, None, None]:
     def handler(number: int, frame: FrameType | None) -> None:
         handle(number)
 
-    ends = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
     # Ignored signals stay ignored, as with nohup.
-    caught = [number for number in ends if signal.getsignal(number) is not signal.SIG_IGN]
+    caught = [number for number in END_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, handler) for number in caught}
     try:
         yield

@@ -104,7 +104,9 @@ class Host:
         return out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
+)
 def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number, fork_server):
     """Python runs no handler before that code returns; SIGTERM and SIGHUP end a program that has none."""
     host = Host(fork_server, IN_C)

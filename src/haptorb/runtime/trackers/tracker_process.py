@@ -19,7 +19,7 @@ from typing import Any
 
 from haptorb.compiled import load_compiler
 from haptorb.errors import HaptorbError
-from haptorb.runtime.linux import die_with_parent, is_parent_gone, lower_priority, raise_priority
+from haptorb.runtime.linux import END_SIGNALS, die_with_parent, is_parent_gone, lower_priority, raise_priority
 from haptorb.runtime.shared_memory import Phase, SharedMemory, Word
 from haptorb.runtime.trackers.pose_filter import PoseFilter
 from haptorb.runtime.trackers.registry import feed_of
@@ -43,7 +43,7 @@ def main(spec: Mapping[str, Any]) -> int:
     `spec`: shared (path), descriptor (of an open socket, or −1), parent (process id), feed (of a `Preparation`),
     frame (text of a `TrackerFrame`; empty: poses are in the stator's frame).
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # it ends after the servo
     die_with_parent()
     shared = SharedMemory(Path(spec["shared"]))
