@@ -93,7 +93,7 @@ from haptorb.recording import destination as recording_file
 from haptorb.runtime import process_group as compiler_process
 from haptorb.runtime.servo import Servo
 if given["pipe"]:
-    recording_file.create_recording = lambda path, *, overwrite: os.open(given["pipe"], os.O_WRONLY)
+    recording_file.create_recording = lambda path, **options: os.open(given["pipe"], os.O_WRONLY)
 if given["compiler"]:
     def finish(self, *, running):
         self.end()
@@ -635,6 +635,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     # A shell has what it starts in the background ignore Ctrl-C, and so would the programs that are to be ended by it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup: this program goes on, those that it starts do not
+        signal.signal(signal.SIGHUP, lambda number, frame: None)
     if "emulated" in options.boards and not (BUILD / "emulator").exists():
         raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
     results = Results(options.into)
