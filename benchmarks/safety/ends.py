@@ -391,6 +391,8 @@ class Program:
         if self._emulator is not None:
             self._emulator.discard_lines()
             self._emulator.execute("mark")
+            if not self._on():  # its watchdog came between: what it said of it is discarded
+                raise LostRun("the coils were off already")
         assert self.memory is not None
         cursor = self.memory.words[Word.ROWS]
         before, early = time.monotonic(), 0.0
@@ -633,10 +635,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--into", type=Path, help="file of the ends measured so far, which is continued")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
-    # A shell has what it starts in the background ignore Ctrl-C, and so would the programs that are to be ended by it.
+    # What a shell starts in the background ignores Ctrl-C and Ctrl-\, and with nohup SIGHUP; so would the programs that
+    # are to be ended by them. Handlers, unlike ignored signals, are not inherited.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup: this program goes on, those that it starts do not
-        signal.signal(signal.SIGHUP, lambda number, frame: None)
+    for number in SIGNALS.values():
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda number, frame: None)
     if "emulated" in options.boards and not (BUILD / "emulator").exists():
         raise SystemExit(f"there is no {BUILD / 'emulator'}: make firmware && make -C firmware emulator")
     results = Results(options.into)
