@@ -296,6 +296,12 @@ RULES = [
         "tests/recording/test_damaged_recordings.py::test_a_repaired_file_is_whole_for_the_makers_reader",
     ),
     (
+        "black-box-own",
+        "only files that a black box wrote make room for newer ones",
+        "replace value by path.suffix == '.mcap'",
+        "tests/runtime/test_black_box.py::test_a_persons_own_recordings_in_the_folder_stay",
+    ),
+    (
         "recording-mode",
         "a recording is as open as the umask says",
         "only 1 of value.args[1].orelse",

@@ -222,9 +222,9 @@ def test_names_that_no_file_can_have_are_refused_for_writing_as_well(hostile: Mo
         with pytest.raises(CalibrationError):
             write_calibration(calibration, tmp_path / name)
     with pytest.raises(RecordingError):
-        destination.create_recording(tmp_path / ("x" * 300), overwrite=False)
+        destination.create_recording(tmp_path / ("x" * 300), overwrite=None)
     with pytest.raises(RecordingError):
-        destination.create_recording(tmp_path / "a\0b", overwrite=False)
+        destination.create_recording(tmp_path / "a\0b", overwrite=None)
 
 
 @pytest.mark.parametrize("value", [[2.4], (2.4,), True, 10**400, float("nan"), "2.4", None, {"a": 1}, [[1.0]]])
@@ -263,7 +263,7 @@ def test_a_measured_number_is_a_number(value: str) -> None:
 def test_a_recording_is_as_open_as_its_owner_wants_files(tmp_path: Path, mask: int) -> None:
     before = os.umask(mask)
     try:
-        descriptor = destination.create_recording(tmp_path / "a.mcap", overwrite=False)
+        descriptor = destination.create_recording(tmp_path / "a.mcap", overwrite=None)
         during = os.fstat(descriptor).st_mode & 0o777
         destination.complete(descriptor, temporary=False)
         after = os.fstat(descriptor).st_mode & 0o777

@@ -261,13 +261,13 @@ def test_existing_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("precious")
     with pytest.raises(RecordingError, match="exists"):
-        destination.create_recording(path, overwrite=False)
+        destination.create_recording(path, overwrite=None)
     assert path.read_text() == "precious"
 
 
 @pytest.mark.parametrize("place", ["no/such/folder/a.mcap", "", "\0"])
 def test_place_that_cannot_be_written(tmp_path: Path, place: str) -> None:
-    for overwrite in (False, True):
+    for overwrite in (None, tmp_path / "before"):
         with pytest.raises((RecordingError, ValueError)):
             destination.create_recording(tmp_path / place, overwrite=overwrite)
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
+import threading
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from haptorb.errors import RecordingError
+from haptorb import Servo
+from haptorb.errors import InputError, RecordingError
 from haptorb.recording.destination import RunRecording
 
 
@@ -47,6 +51,33 @@ def test_where_nothing_ran_nothing_is_left(tmp_path: Path) -> None:
     assert descriptor is not None
     os.close(descriptor)
     place.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_fails_to_start_costs_no_earlier_recording(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"the only one")
+    lock = threading.Lock()  # cannot be sent to the servo's process
+
+    def push(state: Any) -> np.ndarray:
+        with lock:
+            return np.zeros(6)
+
+    with pytest.raises(InputError, match="cannot be sent"):
+        Servo("omni", push, record=path, overwrite=True).open()
+    assert path.read_bytes() == b"the only one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_run_that_has_started_replaces_it(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"the only one")
+    place = RunRecording(path, overwrite=True)
+    descriptor = place.open()
+    assert descriptor is not None
+    os.close(descriptor)
+    place.keep()
+    place.discard()  # an error after the start
     assert list(tmp_path.iterdir()) == []
 
 

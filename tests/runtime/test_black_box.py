@@ -71,6 +71,25 @@ def test_files_are_recordings_and_the_oldest_go(
     assert (recording.rows == box.trips[-1].rows).all()
 
 
+def test_a_persons_own_recordings_in_the_folder_stay(
+    shared: SharedMemory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("haptorb.runtime.black_box._MAX_FILES", 1)
+    (tmp_path / "elsewhere").mkdir()
+    own = [tmp_path / name for name in ("session-3.mcap", "omni-20260101-120000-1-mine.mcap", "elsewhere/a.mcap")]
+    for path in own:
+        path.write_text("precious")
+    own.append(tmp_path / "omni-20260101-120000-1-stopped.mcap")
+    own[-1].symlink_to(own[0])
+    box = BlackBox(shared, "omni", 1000.0, tmp_path)
+    for n in range(3):
+        ticks(shared, 200 * n, 200)
+        shared.announce_trip((200 * n + 199) * 1e-3, Trip.STOPPED)
+        box.finish()
+    assert all(path.read_text() == "precious" for path in own)
+    assert len(list(tmp_path.glob("*.mcap"))) == len(own) - 1 + 1
+
+
 def test_a_folder_that_cannot_be_costs_nothing(shared: SharedMemory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     box = BlackBox(shared, "omni", 1000.0, tmp_path / "file" / "trips")

@@ -30,22 +30,28 @@ _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _MODE = 0o444 if os.name == "posix" else 0o666  # Windows: the recorder reopens the file by its name
 
 
-def create_recording(path: Path, *, overwrite: bool) -> int:
+def create_recording(path: Path, *, overwrite: Path | None) -> int:
     """Create the empty file `path`, write-protected until the recording is complete; return its descriptor.
 
-    Raises RecordingError if it exists and `overwrite` is not set, or if it cannot be written.
+    An existing file is moved to `overwrite`. Raises RecordingError if it exists and `overwrite` is None, or if it
+    cannot be written; the existing file is then where it was.
     """
     try:
         if path.is_dir():
             raise RecordingError(f"cannot record to {path}: it is a folder; name a file in it")
-        if path.exists() and not overwrite:
+        if path.exists() and overwrite is None:
             text = f"{path} exists; choose another name, or replace it"
             raise RecordingError(f"{text} with overwrite=True", command=f"{text} with --force")
-        if overwrite and path.exists():
-            if not path.is_file():
-                raise RecordingError(f"cannot record to {path}: it is not a regular file")
-            path.unlink()
-        return os.open(path, _FLAGS, _MODE)
+        if overwrite is None or not path.exists():
+            return os.open(path, _FLAGS, _MODE)
+        if not path.is_file():
+            raise RecordingError(f"cannot record to {path}: it is not a regular file")
+        os.replace(path, overwrite)
+        try:
+            return os.open(path, _FLAGS, _MODE)
+        except BaseException:
+            os.replace(overwrite, path)
+            raise
     except OSError as cause:
         raise RecordingError(f"cannot record to {path}: {cause.strerror}; choose another folder") from cause
     except ValueError as cause:  # a zero byte in its name
@@ -92,6 +98,7 @@ class RunRecording:
     def __init__(self, where: str | Path | Literal[False] | None, *, overwrite: bool) -> None:
         self._where, self._overwrite = where, overwrite
         self._path: Path | None = None
+        self._replaced: Path | None = None  #: the file of the same name from before, until the run has started
         self._claim: FileLock | None = None
 
     @property
@@ -113,8 +120,9 @@ class RunRecording:
             weakref.finalize(self, _remove, self._path)
             return descriptor
         path = Path(self._where).expanduser().absolute()
-        descriptor = create_recording(path, overwrite=self._overwrite)
-        self._path = path
+        aside = path.with_name(f".haptorb-{os.urandom(4).hex()}.old") if self._overwrite else None
+        descriptor = create_recording(path, overwrite=aside)
+        self._path, self._replaced = path, aside
         return descriptor
 
     @property
@@ -122,10 +130,19 @@ class RunRecording:
         """Path of the file, once it exists."""
         return self._path
 
+    def keep(self) -> None:
+        """The run has started: delete the file that this one replaces."""
+        if self._replaced is not None:
+            _remove(self._replaced)
+            self._replaced = None
+
     def discard(self) -> None:
-        """Delete the file of a run that failed to start."""
+        """Delete the file of a run that failed to start; the file that it was to replace is back."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
+            if self._replaced is not None and self._replaced.exists():
+                os.replace(self._replaced, self._path)
+            self._replaced = None
 
     def read(self) -> Recording:
         """Read the recording so far. Raises RecordingError if nothing was recorded, or if the file cannot be read."""

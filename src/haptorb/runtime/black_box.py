@@ -5,6 +5,7 @@ The heartbeat's thread detects trips; it must never wait for a disk, so another 
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Mapping
 from datetime import datetime
@@ -27,6 +28,7 @@ __all__ = ["SNAPSHOT_INTERVAL_TICKS", "STORED_TICKS", "BlackBox", "StateKeeper",
 
 STORED_TICKS = 100  #: ticks stored up to and including each trip
 _START_TICKS = 400  #: a trip within this many ticks of the start: the file contains all ticks since the start
+_NAME = re.compile(r".+-[0-9]{8}-[0-9]{6}-[0-9]+-([a-z_]+)\.mcap", re.DOTALL)  #: of a file that `_write` made
 _MAX_FILES = 50  #: files of earlier trips that are retained in the folder
 
 
@@ -135,10 +137,17 @@ class BlackBox:
                 recorder.append(rows)
                 recorder.finish()
             self.files[number] = folder / name
-            for old in sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-_MAX_FILES]:
+            for old in sorted(filter(_is_own, folder.iterdir()), key=lambda path: path.stat().st_mtime)[:-_MAX_FILES]:
                 old.unlink(missing_ok=True)
         except OSError:
             return  # a full disk must not disturb a run; the rows are in `trips` regardless
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a black box wrote this file: a person may keep recordings of their own in the same folder."""
+    found = _NAME.fullmatch(path.name)
+    own = found is not None and found[1].upper() in Trip.__members__
+    return own and path.is_file() and not path.is_symlink()  # safety: black-box-own
 
 
 # --------------------------------------------------------------------------------------------------

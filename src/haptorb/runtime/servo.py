@@ -306,6 +306,7 @@ class Servo:
         try:
             descriptor = self._recording.open()
             self._start(descriptor, preparation, standby)
+            self._recording.keep()
         except BaseException:
             self.close()
             self._recording.discard()
