@@ -605,6 +605,7 @@ RULES = [
         "tests/study/session/test_terminal_session.py",
     ),
     ("study-stop-first", "a study's Stop waits for no queue and no database", "never", STOP_TESTS),
+    ("study-pause-first", "an experimenter's Stop and pause wait for no queue and no database", "never", STOP_TESTS),
     ("study-end-first", "ending a study session waits for no database with the coils on", "never", STOP_TESTS),
     (
         "study-message",

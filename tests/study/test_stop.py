@@ -322,6 +322,21 @@ def test_a_message_that_is_no_json_but_says_stop_stops(host: StudyHost) -> None:
     _until(lambda: host.servo.off)
 
 
+@pytest.mark.parametrize("who", ["first", "experimenter"])
+@pytest.mark.parametrize("binary", [False, True])
+def test_a_stop_may_be_spelled_with_escapes(host: StudyHost, who: str, binary: bool) -> None:
+    host.trial()
+    text = r'{"do": "\u0073top"}'
+    getattr(host, who).socket.send(text.encode() if binary else text)
+    _until(lambda: host.servo.off)
+
+
+def test_a_pause_may_be_spelled_with_escapes(host: StudyHost) -> None:
+    host.trial()
+    host.experimenter.socket.send(r'{"do": "p\u0061use"}')
+    _until(lambda: host.servo.off)
+
+
 def test_replies_that_cannot_be_kept_are_refused_and_the_next_is_kept(host: StudyHost) -> None:
     host.trial()
     for trial in (0, 1):

@@ -415,13 +415,13 @@ class ConsoleSocketHub:
     def _handle_message(self, page: ConsolePage, message: Mapping[str, Any]) -> None:
         """Handle one message of a page: a Stop first, from any page and even if malformed; else command or pointer."""
         try:
-            if (text := message.get("text")) is not None:
-                if is_stop_request(text):  # safety: console-stop-first
-                    self._stop()
-                else:
-                    self._execute(page, read_command(text))
+            text, data = message.get("text"), message.get("bytes") or b""
+            if is_stop_request(data if text is None else text):  # safety: console-stop-first
+                self._stop()
+            elif text is not None:
+                self._execute(page, read_command(text))
             elif page is self._pages[0]:
-                self._hand.point(pointer(message.get("bytes") or b""))
+                self._hand.point(pointer(data))
                 page.soon.set()
         except HaptorbError as mistake:
             page.enqueue("mistake", text=str(mistake))
@@ -434,8 +434,6 @@ class ConsoleSocketHub:
     def _execute(self, page: ConsolePage, command: dict[str, Any]) -> None:
         """Execute one command; only the page in control may do more than stop."""
         match command["do"]:
-            case "stop":  # spelled with escapes that `is_stop_request` does not match
-                self._stop()
             case _ if page is not self._pages[0]:
                 raise InputError("another page is in control; this one only watches, and can still stop")
             case "engage":

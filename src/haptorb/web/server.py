@@ -15,7 +15,7 @@ import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Callable, Coroutine, Generator
+from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Generator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -496,18 +496,24 @@ _MAX_DIGITS = 18  #: of an integer, which then fits into 64 bits
 _MAX_DEPTH = 6  #: of nested lists and objects; values of a world need three
 _MAX_NAME_CHARACTERS = 64  #: of a command [characters]
 
-_STOP_PATTERN = re.compile(r'"do"\s*:\s*"stop"')
+_REQUEST = re.compile(r'"do"\s*:\s*"([a-z]+)"')
+_ESCAPED_LETTER = re.compile(r"\\u00([46][1-9a-fA-F]|[57][0-9aA])")
 
 
-def is_stop_request(text: str) -> bool:
-    """Whether a text message is a Stop, even if the rest is malformed.
+def is_stop_request(message: str | bytes, names: Collection[str] = ("stop",)) -> bool:
+    """Whether a text or binary message requests a command of `names`, in any spelling, even if the rest is malformed.
 
     Call it before `command`: a Stop is executed even if the message is not valid JSON.
 
     >>> [is_stop_request(text) for text in ('{"do": "stop"}', '{"do":"stop", "why": 1e999', '{"do": "engage"}')]
     [True, True, False]
+    >>> is_stop_request(rb'{"\u0064o": "s\u0074op"}'), is_stop_request('{"do": "leave"}', ("leave", "abort"))
+    (True, True)
     """
-    return _STOP_PATTERN.search(text) is not None
+    text = message if isinstance(message, str) else message.decode("latin-1")
+    if "\\u00" in text:
+        text = _ESCAPED_LETTER.sub(lambda found: chr(int(found[1], 16)), text)
+    return any(found[1] in names for found in _REQUEST.finditer(text))
 
 
 def command(text: str) -> dict[str, Any]:

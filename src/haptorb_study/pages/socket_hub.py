@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import secrets
 from collections.abc import Mapping
 from contextlib import suppress
@@ -32,7 +31,7 @@ TOKEN_TIMEOUT_S = 5.0  #: timeout for a page's token [s]
 MAX_WAITING = 32  #: connections whose token is awaited; a new one replaces the oldest
 
 #: commands of an experimenter's page that end with the coils off, found in any message
-_STOP_COMMAND = re.compile(r'"do"\s*:\s*"(stop|pause|leave|abort)"')
+_END_COMMANDS = ("leave", "abort")
 #: commands of a participant's page to the session manager; all others are the experimenter's
 _PARTICIPANT_COMMANDS = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER_COMMANDS = frozenset(
@@ -153,9 +152,10 @@ class StudySocketHub:
             if page.participant:
                 if is_stop_request(text):  # safety: study-stop-first
                     self._manager.halt.stop("by the participant")
-            elif found := _STOP_COMMAND.search(text):  # safety: study-end-first
-                ends = found[1] in ("leave", "abort")
-                self._manager.halt.stop(None if ends else "by the experimenter")
+            elif is_stop_request(text, ("stop", "pause")):  # safety: study-pause-first
+                self._manager.halt.stop("by the experimenter")
+            elif is_stop_request(text, _END_COMMANDS):  # safety: study-end-first
+                self._manager.halt.stop(None)
             command = read_command(text)
             do = command.get("do")
             if not isinstance(do, str):

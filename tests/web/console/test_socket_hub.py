@@ -195,6 +195,13 @@ def test_stop_engage_and_home(client, servo):
     eventually(lambda: servo.count("release") >= 2)
 
 
+@pytest.mark.parametrize("message", [r'{"do": "\u0073top"}', b'{"do": "stop"}', rb'{"\u0064o": "stop", "why": '])
+def test_a_stop_may_be_spelled_with_escapes_and_sent_as_bytes(client, servo, message):
+    client.event("role", control=True)
+    client.socket.send(message)
+    eventually(lambda: servo.count("stop") == 1)
+
+
 def test_world_changes_repaint_the_map(client, servo):
     client.until(lambda: client.force_map)
     painted = len(client.force_map)

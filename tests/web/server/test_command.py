@@ -76,6 +76,9 @@ def test_any_json_is_a_command_or_refused(value):
         '{"do": "stop"',
         '{"do": "stop", "why": "\\ud800"}',
         '{"do": "engage", "do": "stop"}',
+        r'{"do": "\u0073top"}',
+        r'{"\u0064\u006f":"\u0073\u0074\u006F\u0070", "why": ',
+        b'{"do": "stop", "why": "\xff"}',
         '{"do": "stop", "deep": ' + "[" * 30000,
     ],
 )
