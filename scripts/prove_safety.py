@@ -296,6 +296,12 @@ RULES = [
         "tests/recording/test_damaged_recordings.py::test_a_repaired_file_is_whole_for_the_makers_reader",
     ),
     (
+        "output-not-linked",
+        "a link beside a stranger's database does not choose where a command writes",
+        "never",
+        "tests/contracts/test_strangers_databases.py::test_the_links_beside_a_database_are_not_written_through",
+    ),
+    (
         "black-box-own",
         "only files that a black box wrote make room for newer ones",
         "replace value by path.suffix == '.mcap'",

@@ -249,6 +249,8 @@ def replace_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
 def replace_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
     """Yield a path beside each of `paths` to write to; all replace `paths` when the block ends, or none does.
 
+    A link is replaced, not followed. Raises OSError if one of `paths` exists and is neither a regular file nor a link.
+
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     with replace_files([Path(folder, "a"), Path(folder, "b")]) as parts:
@@ -256,6 +258,9 @@ def replace_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
     ...     sorted(file.name for file in Path(folder).iterdir())
     ['a', 'b']
     """
+    for path in paths:
+        if path.exists() and not path.is_symlink() and not path.is_file():
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
     parts = [_name_beside(path, "part") for path in paths]
     try:
         yield parts

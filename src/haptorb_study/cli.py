@@ -15,7 +15,7 @@ import typer
 
 from haptorb.cli.keys import FILES, FileKeys, KeySection
 from haptorb.cli.run import AddressOption, HostOption
-from haptorb.errors import InputError
+from haptorb.errors import InputError, RecordingError
 from haptorb.terminal import (
     Column,
     CommandLine,
@@ -169,11 +169,18 @@ def analyse(
     print_summary(done, make_console())
     pages = list[str]()
     with show_status("drawing the figures"):
-        folder = out or Path(f"{done.study.name}-report")
+        folder = out or _own_folder(f"{done.study.name}-report")
         path = write_report(done, folder, kind=figures, serve=pages.append if serve else None)
     echo(f"report: {path}")
     if serve:
         _serve_report(pages[0], [_find_beside(db, part) for *_, part in done.recorded], port)
+
+
+def _own_folder(name: str) -> Path:
+    """Default folder of a command's output. A link of that name came with the database: it may lead anywhere."""
+    if Path(name).is_symlink():  # safety: output-not-linked
+        raise RecordingError(f"{name}: is a link; name the folder to write to with --out")
+    return Path(name)
 
 
 def _find_beside(db: str, part: str) -> str:
@@ -214,7 +221,7 @@ def figures(
         raise InputError(f"--format must be {', '.join(KINDS)}; got '{kind}'")
     size = PaperSize(single, double)
     done = analysis_of(db, name, data=None if data is None else check_kind(data))
-    files = write_figures(done, out or Path(f"{done.study.name}-figures"), kind, size=size, overwrite=force)
+    files = write_figures(done, out or _own_folder(f"{done.study.name}-figures"), kind, size=size, overwrite=force)
     echo(f"{done.origin}\n" + "\n".join(map(str, files)))
 
 

@@ -72,6 +72,32 @@ def change(path: Path, *statements: str) -> None:
             found.execute(one)
 
 
+@pytest.mark.parametrize("command", ["analyse", "figures"])
+def test_the_links_beside_a_database_are_not_written_through(
+    folder: Path, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A folder from a stranger may hold what a command writes by default: as links to a file of one's own."""
+    place = folder / f"one-{'report' if command == 'analyse' else command}"
+    place.symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    (tmp_path / "elsewhere").mkdir()
+    assert "is a link" in refusal(f"study {command} study.db", capsys)
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+    place.unlink()
+    place.mkdir()
+    force = "" if command == "analyse" else " --force"
+    assert run(f"study {command} study.db{force}") == 0
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    names = [path.name for path in place.iterdir()]
+    assert len(names) >= 3
+    for name in names:
+        (place / name).unlink()
+        (place / name).symlink_to(precious)
+    assert run(f"study {command} study.db{force}") == 0
+    assert precious.read_text() == "mine"
+    assert not any(path.is_symlink() for path in place.iterdir())
+
+
 PROMPT = {"phase": "main", "condition": "", "other": "", "set_point": 1, "level": 0, "interval": 0}
 #: table, column → values that are not there in any database that haptorb wrote
 DAMAGE: list[tuple[str, str, list[object]]] = [

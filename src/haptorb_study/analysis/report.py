@@ -13,6 +13,7 @@ from shlex import quote
 from haptorb.display import Link, scroll_table_html
 from haptorb.errors import InputError, RecordingError
 from haptorb.figure_file import show_text_as_is
+from haptorb.files import replace_files
 from haptorb.terminal import TextTable
 from haptorb_study.analysis.analysis import Analysis
 from haptorb_study.analysis.condition_means import make_condition_table
@@ -201,11 +202,13 @@ def write_report(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         images = _draw_figures(analysis, kind)
-        for name, data in images.items():
-            (folder / f"{name}.{kind}").write_bytes(data)
-        numbers = json.dumps(analysis.numbers(), indent=2, ensure_ascii=False)
-        (folder / "numbers.json").write_text(numbers + "\n", encoding="utf-8")
-        (folder / "report.html").write_text(page(analysis, images), encoding="utf-8")
+        numbers = json.dumps(analysis.numbers(), indent=2, ensure_ascii=False) + "\n"
+        files = {f"{name}.{kind}": data for name, data in images.items()}
+        files |= {"numbers.json": numbers.encode(), "report.html": page(analysis, images).encode()}
+        # Beside their destinations, then moved there: a link of that name, in a stranger's folder, is not followed.
+        with replace_files([folder / name for name in files]) as parts:
+            for part, data in zip(parts, files.values(), strict=True):
+                part.write_bytes(data)
     except OSError as cause:
         raise RecordingError(f"{folder}: the report cannot be written ({cause.strerror})") from cause
     if serve is not None:
