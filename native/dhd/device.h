@@ -5,6 +5,8 @@
 #include "../include/drdc.h"
 #include "../link/link.h"
 
+#define ALONE_NS 50000000 /* a force lasts as long without its torque being commanded, and the other way round */
+
 struct regulation;
 
 struct device {

@@ -12,7 +12,6 @@
 #define SMOOTHING 0.05       /* of the time between commands */
 #define DEGREES (180.0 / M_PI)
 #define GRAVITY_MAX 30.0     /* [m/s2] */
-#define ALONE_NS 50000000    /* a force lasts as long without its torque being commanded, and the other way round */
 
 static struct device devices[LINKS_MAX];
 static int current = -1; /* device behind ID -1 */

@@ -11,6 +11,8 @@
 #define PERIOD 1e-3
 #define MARGIN 0.5 /* of the largest stable stiffness: the program's own thread may be late */
 #define SETTLE_S 0.2
+#define GUARD_RAMPING 1
+#define GUARD_DERATED 3 /* and running between them: the coils may be on */
 
 struct motion {
     double velocity, acceleration, jerk; /* greatest [m/s, m/s2, m/s3] */
@@ -31,6 +33,7 @@ struct regulation {
     double duration, elapsed; /* of the move; 0: none */
     bool tracking;
     double extra[3], extra_torque[3], extra_grip; /* the program's own */
+    int64_t extra_at;       /* when it commanded them last */
 };
 
 static const struct motion slow = {0.1, 1.0, 20.0}, fast = {0.5, 5.0, 100.0};
@@ -85,19 +88,33 @@ static void *regulate(void *argument)
             due = link_now();
         link_sleep_until(due);
         const bool known = link_read(link, &state) == LINK_OK;
+        const bool drives = known && state.valid && state.guard >= GUARD_RAMPING && state.guard <= GUARD_DERATED;
         pthread_mutex_lock(&r->mutex);
         const bool ending = r->ending || !known;
-        advance(r);
+        if (drives) {
+            advance(r);
+        } else if (known && state.valid) {
+            /* Without coils the hand goes where it likes: when they are on again the spring is fixed there. */
+            memcpy(r->reference, state.position, sizeof r->reference);
+            memcpy(r->goal, state.position, sizeof r->goal);
+            r->duration = 0.0;
+            r->tracking = false;
+        }
+        if (link_now() - r->extra_at > ALONE_NS) { /* a program that hangs pushes no longer than one without DRD */
+            memset(r->extra, 0, sizeof r->extra);
+            memset(r->extra_torque, 0, sizeof r->extra_torque);
+            r->extra_grip = 0.0;
+        }
         const double stiffness = r->position ? MARGIN * facts->stiffness_max : 0.0;
         for (int i = 0; i < 3; i++) {
-            force[i] = known ? stiffness * (r->reference[i] - state.position[i]) + r->extra[i] : 0.0;
-            torque[i] = r->extra_torque[i];
+            force[i] = drives ? stiffness * (r->reference[i] - state.position[i]) + r->extra[i] : 0.0;
+            torque[i] = drives ? r->extra_torque[i] : 0.0;
         }
         const double size = sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
         const double most = r->share * facts->force_max;
         for (int i = 0; i < 3 && size > most; i++)
             force[i] *= most / size;
-        grip = r->extra_grip;
+        grip = drives ? r->extra_grip : 0.0;
         r->ticks++;
         pthread_cond_broadcast(&r->ticked);
         pthread_mutex_unlock(&r->mutex);
@@ -506,6 +523,7 @@ EXPORT int drdSetForceAndTorqueAndGripperForce(double fx, double fy, double fz, 
     memcpy(r->extra, (double[]){fx, fy, fz}, sizeof r->extra);
     memcpy(r->extra_torque, (double[]){tx, ty, tz}, sizeof r->extra_torque);
     r->extra_grip = fg;
+    r->extra_at = link_now();
     pthread_mutex_unlock(&r->mutex);
     return 0;
 }

@@ -445,6 +445,44 @@ def test_regulation_is_a_spring_on_the_way(served: ServedFile, dhd: Any) -> None
     assert set_force(dhd, 0.0, 0.0, 0.1) == 0
 
 
+def drd_set(dhd: Any, *force: float) -> int:
+    zero = ctypes.c_double(0.0)
+    values = [*(ctypes.c_double(one) for one in force), zero, zero, zero, zero]
+    return int(dhd.drdSetForceAndTorqueAndGripperForce(*values, ANY))
+
+
+def test_a_force_beside_a_regulation_lasts_as_long_as_any_other(served: ServedFile, dhd: Any) -> None:
+    """The library's own thread goes on when the program hangs: what it commanded must not."""
+    assert dhd.drdStart(ANY) == 0
+    assert drd_set(dhd, 0.0, 0.0, 0.2) == 0
+    served.await_force((0.0, 0.0, 0.2))
+    begin = monotonic()
+    served.await_force((0.0, 0.0, 0.0), patience=HOLD_TIME_S + 0.2)
+    assert monotonic() - begin < HOLD_TIME_S + 0.2
+    for _ in range(20):
+        assert drd_set(dhd, 0.0, 0.0, 0.2) == 0
+        sleep(0.01)
+    served.await_force((0.0, 0.0, 0.2))
+
+
+@pytest.mark.parametrize("fields", [{"guard": GuardState.TRIPPED}, {"guard": GuardState.OFF}, {"valid": 0.0}])
+def test_a_regulation_commands_nothing_while_the_coils_are_off(
+    served: ServedFile, dhd: Any, fields: dict[str, float]
+) -> None:
+    """When they are on again its spring is fixed where the hand has gone meanwhile."""
+    stiffness = 0.5 * np.fromfile(served.path, np.float64, 64)[FACTS["stiffness_max"][0] // 8]
+    assert dhd.drdStart(ANY) == 0
+    served.publish(p=(0.0, 0.0, 0.051))
+    served.await_force((0.0, 0.0, -0.001 * stiffness))
+    served.publish(p=(0.0, 0.0, 0.051), **fields)
+    served.await_force((0.0, 0.0, 0.0))
+    served.publish(p=(0.0, 0.0, 0.051), guard=GuardState.TRIPPED)
+    sleep(0.02)
+    served.publish(p=(0.0, 0.0, 0.051))
+    sleep(0.05)
+    assert served.receive()[0] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
 @needs_root
 def test_a_program_of_another_account(served: ServedFile, dhd: Any, libraries: Path) -> None:
     """It finds no device, and is told why; the file is this account's alone."""
