@@ -20,10 +20,10 @@ from sqlalchemy import event, text
 from haptorb.errors import InputError, RecordingError
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.keyboard import Keyboard, name_keys
 from haptorb_study.stop_switch import StopSwitch
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
+from haptorb_study.terminal_session import Keyboard, name_keys
 
 
 def _module(name: str, folder: str = "") -> ModuleType:

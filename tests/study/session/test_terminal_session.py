@@ -19,11 +19,9 @@ from haptorb import Recording
 from haptorb.control.trip_reasons import Trip
 from haptorb_study.columns import tidy
 from haptorb_study.database import database
-from haptorb_study.keyboard import END, Keys
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import Study, study_of
-from haptorb_study.terminal_screen import View
-from haptorb_study.terminal_session import TerminalSession
+from haptorb_study.terminal_session import END, Keys, TerminalSession, View
 from haptorb_study.trial_device import TrialDevice
 
 STUDY = """
