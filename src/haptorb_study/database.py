@@ -34,7 +34,6 @@ from haptorb.database_address import mask_password, path_of
 from haptorb.errors import RecordingError
 from haptorb.file_kind import FileKind
 from haptorb.sql import BUSY_TIMEOUT_MS, ProgramLock, TableSet, explain_error, lock_database
-from haptorb_study.json_values import utc_now
 from haptorb_study.participant_codes import is_reserved
 from haptorb_study.stored_rows import check_rows
 from haptorb_study.study_file import Study
@@ -49,6 +48,7 @@ __all__ = [
     "copies",
     "database",
     "events",
+    "identity_of",
     "list_participants",
     "lock",
     "lock_session",
@@ -59,7 +59,6 @@ __all__ = [
     "sessions",
     "studies",
     "trials",
-    "utc_now",
     "withdrawn",
 ]
 
@@ -256,6 +255,11 @@ def database(place: str | Path, *, make: bool = True) -> Engine:
         engine.dispose()
         raise
     return engine
+
+
+def identity_of(place: str | Path) -> str:
+    """The same text for every spelling of the address `place`: a file's path without links, or the URL as it is."""
+    return str(place) if "://" in str(place) else str(Path(place).expanduser().resolve())
 
 
 def check_database_file(path: Path) -> None:

@@ -32,6 +32,7 @@ from haptorb_study.database import (
     copies,
     database,
     events,
+    identity_of,
     lock_session,
     participants,
     replies,
@@ -39,10 +40,10 @@ from haptorb_study.database import (
     sessions,
     studies,
     trials,
-    utc_now,
     withdrawn,
 )
 from haptorb_study.database_copies import record_copy
+from haptorb_study.json_values import utc_now
 from haptorb_study.participant_codes import check_code, fold_spelling, is_reserved
 from haptorb_study.recordings import folder_of, locate_recording, name_parts, name_recording
 from haptorb_study.study_file import Study, study_of
@@ -122,7 +123,7 @@ def merge_databases(
         raise RecordingError(f"{target} exists: a merge only makes a new database; choose another name")
     if not target.parent.is_dir():
         raise RecordingError(f"{target} cannot be written: there is no folder {target.parent}")
-    if len({_identity(place) for place in places}) < len(places):
+    if len({identity_of(place) for place in places}) < len(places):
         raise InputError("the same database was given twice")
     with tempfile.TemporaryDirectory(prefix=".merge-", dir=target.parent) as folder:
         sources = [_open_source(n, place, Path(folder), study) for n, place in enumerate(places, 1)]
@@ -170,10 +171,6 @@ def _publish(part: Path, target: Path) -> None:
         ) from cause
     except OSError:  # a file system without links
         os.replace(part, target)
-
-
-def _identity(place: str | Path) -> str:
-    return str(place) if "://" in str(place) else str(Path(place).expanduser().resolve())
 
 
 def _open_source(number: int, place: str | Path, folder: Path, study: str | None) -> _Source:

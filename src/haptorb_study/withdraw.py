@@ -26,18 +26,19 @@ from haptorb_study.data_kind import check_kind
 from haptorb_study.database import (
     database,
     events,
+    identity_of,
     lock,
     lock_session,
     participants,
     replies,
     sessions,
     trials,
-    utc_now,
     withdrawn,
 )
 from haptorb_study.database_copies import Copy, list_copies
 from haptorb_study.export import export_study
 from haptorb_study.export_table import explain_foreign
+from haptorb_study.json_values import utc_now
 from haptorb_study.participant_codes import find_other_spelling
 from haptorb_study.recordings import folder_of, locate_recording
 from haptorb_study.study_file import Study
@@ -78,7 +79,7 @@ def withdraw(
 
     Raises RecordingError, with nothing removed, if there is no such participant, or the session is running.
     """
-    return _withdraw(place, code, name, {_identity(place)}, [Path(one).expanduser() for one in exports_in])
+    return _withdraw(place, code, name, {identity_of(place)}, [Path(one).expanduser() for one in exports_in])
 
 
 def _withdraw(
@@ -117,8 +118,8 @@ def _withdraw(
             if copy.kind == "export":
                 folders = None if path_here is None else [path_here.parent, *exports_in]
                 _remake(engine, study, copy, folders, exports, left)
-            elif _identity(copy.place) not in visited:
-                visited.add(_identity(copy.place))
+            elif identity_of(copy.place) not in visited:
+                visited.add(identity_of(copy.place))
                 there = str(copy.settings["codes"].get(code, "")) if "codes" in copy.settings else code
                 if there and "://" in copy.place and path_here is not None:  # safety: no-strange-host
                     why = "haptorb connects to no server that a file names"
@@ -136,10 +137,6 @@ def _withdraw(
         raise RecordingError(f"database {mask_password(place)}: {getattr(cause, 'orig', cause)}") from cause
     finally:
         engine.dispose()
-
-
-def _identity(place: str | Path) -> str:
-    return str(place) if "://" in str(place) else str(Path(place).expanduser().resolve())
 
 
 def _find_session(engine: Engine, study: Study, code: str) -> int | None:
