@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from haptorb.runtime.servo import Servo
     from haptorb.web.server import PageAddress
-    from haptorb_study.order_summary import OrderSummary
+    from haptorb_study.order import OrderSummary
     from haptorb_study.pages.session_manager import SessionManager
     from haptorb_study.study_file import Study
 
@@ -332,7 +332,7 @@ def check(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check a study file: mistakes, order of the trials, duration, coil temperature, overlap of the maps, plan."""
-    from haptorb_study.order_summary import summarize_order
+    from haptorb_study.order import summarize_order
     from haptorb_study.study_file import read_study
     from haptorb_study.trial_lists import has_set_points
 

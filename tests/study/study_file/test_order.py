@@ -14,8 +14,15 @@ from haptorb.cli import main
 from haptorb.errors import InputError
 from haptorb_study.columns import find_begun_version, tidy
 from haptorb_study.database import database
-from haptorb_study.order import balance_conditions, balance_intervals, draw_turns, plan, procedure_of, square_size
-from haptorb_study.order_summary import summarize_order
+from haptorb_study.order import (
+    balance_conditions,
+    balance_intervals,
+    draw_turns,
+    plan,
+    procedure_of,
+    square_size,
+    summarize_order,
+)
 from haptorb_study.procedures import InterleavedProcedures, Procedure
 from haptorb_study.prompts import Answer, Prompt
 from haptorb_study.simulated.forecast import forecast
