@@ -302,6 +302,12 @@ RULES = [
         "tests/contracts/test_strangers_databases.py::test_the_links_beside_a_database_are_not_written_through",
     ),
     (
+        "port-not-replaced",
+        "an emulated port takes the place of no other file",
+        "never",
+        "tests/cli/test_hardware.py::test_an_emulated_port_replaces_no_file_and_no_other_link",
+    ),
+    (
         "black-box-own",
         "only files that a black box wrote make room for newer ones",
         "replace value by path.suffix == '.mcap'",

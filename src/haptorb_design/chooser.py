@@ -303,8 +303,8 @@ class Chooser:
         try:
             servo = Servo(self._build(row), record=False)
             console = Console(servo, self._console_port, framed_by=self.origin, where=self._console)
+            servo.stop()  # before the start: a stop takes effect from the first tick
             with console, freeze_garbage(), servo:
-                servo.stop()
                 self.selection.set_running(servo, console.url)
                 notify(f"{name} runs, SIMULATED, with its coils off until they are engaged.")
                 try:

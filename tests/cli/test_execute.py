@@ -285,4 +285,10 @@ def test_libraries_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[s
     code, _, error = run_command(capsys, "libraries", str(folder))
     assert code == 2
     assert "is there already" in error
+    other = tmp_path / "project"
+    (other / "include").mkdir(parents=True)
+    (other / "include/dhdc.h").write_text("mine")
+    assert run_command(capsys, "libraries", str(other))[0] == 2
+    assert [path.name for path in other.rglob("*") if path.is_file()] == ["dhdc.h"]
+    assert (other / "include/dhdc.h").read_text() == "mine"
     assert run_command(capsys, "libraries", str(folder), "--force")[0] == 0

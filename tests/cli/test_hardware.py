@@ -11,7 +11,7 @@ import pytest
 
 from haptorb.arrays import Array
 from haptorb.cli import main
-from haptorb.cli.board_tools import chips_on, jog, line, monitor, probe
+from haptorb.cli.board_tools import chips_on, emulate, jog, line, monitor, probe
 from haptorb.control.trip_reasons import CoilState
 from haptorb.devices.loader import load
 from haptorb.errors import DriverError, InputError, UnknownName
@@ -97,6 +97,19 @@ def test_jogging_the_simulated_device_finds_its_own_resistance() -> None:
     seen = jog(omni, SimDriver.of(omni, 1e-3), "z", 0.05, clock=time.clock, wait=time.wait)
     assert seen.verdict == ()
     assert seen.resistance == pytest.approx(0.6, rel=0.1)
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_an_emulated_port_replaces_no_file_and_no_other_link(tmp_path: Path, link: bool) -> None:
+    port, precious = tmp_path / "port", tmp_path / "precious"
+    precious.write_text("mine")
+    if link:
+        port.symlink_to(precious)
+    else:
+        port.write_text("mine")
+    with pytest.raises(InputError, match="no emulated port"):
+        emulate(load("omni"), tmp_path, port)
+    assert port.read_text() == "mine"
 
 
 @pytest.mark.parametrize(

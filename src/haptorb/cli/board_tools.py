@@ -167,8 +167,8 @@ def emulate(
     as at the start of the simulation); the emulated device has no pointer input. With `led`, a simulated hand moves it
     over the whole dome, as the calibration step 'sensors' requires. Field sensor number `dead`, from 1, has failed.
 
-    Raises InputError for a height inside the dome or above 2 m, for a height together with `led`, and for the number of
-    a sensor that does not exist.
+    Raises InputError if there is another file or link at `port`, for a height inside the dome or above 2 m, for a
+    height together with `led`, and for the number of a sensor that does not exist.
     """
     known = electromagnet(device, "the emulated firmware")
     if height is not None and not known.contact_distance <= height <= 2.0:
@@ -180,6 +180,9 @@ def emulate(
         raise InputError("a tool moved by --led has no fixed height: use --led or --height")
     if dead is not None and not 1 <= dead <= known.sensors:
         raise InputError(f"the failed field sensor must be 1 to {known.sensors}; got {dead}")
+    own = port.is_symlink() and str(port.readlink()).startswith("/dev/pts/")  # of an emulator that was killed
+    if not own and (port.exists() or port.is_symlink()):  # safety: port-not-replaced
+        raise InputError(f"{port} is there already, and is no emulated port: name another path with --port")
     with tempfile.TemporaryDirectory() as folder:
         goal = (lambda t: lead_tool(known, t)) if led else None if height is None else _rest_pose(height)
         physics = EmulatedDevice(known, Path(folder, "physics"), goal)

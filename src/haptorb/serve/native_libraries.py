@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 from haptorb.errors import DriverError, InputError
+from haptorb.files import replace_files
 
 __all__ = ["NAMES", "find_libraries", "lay_out"]
 
@@ -59,22 +60,25 @@ def find_libraries() -> tuple[Path, Path]:
 def lay_out(folder: Path, *, replace: bool = False) -> None:
     """Put the libraries into `folder`: lib, include, and lib/release/lin-MACHINE-gcc, where some programs look.
 
-    Raises InputError if a file of that name is there already, unless it may be replaced.
+    Raises InputError if a file of one of their names is there already, unless it may be replaced; then nothing is
+    written.
     """
     libraries, headers = find_libraries()
-    lib, machine = folder / "lib", f"lin-{platform.machine()}-gcc"
+    links = {folder / "lib" / name: target for name, target in NAMES.items() if target}
+    links[folder / "lib" / "release" / f"lin-{platform.machine()}-gcc"] = ".."
+    files = {folder / "lib" / name: libraries / name for name, target in NAMES.items() if not target}
+    files |= {folder / "include" / one.relative_to(headers): one for one in headers.rglob("*") if one.is_file()}
+    there = [path for path in (*files, *links) if path.is_symlink() or path.exists()]
+    if there and not replace:
+        raise InputError(f"{there[0]} is there already; choose another folder, or replace it with --force")
     try:
-        (lib / "release").mkdir(parents=True, exist_ok=True)
-        for name, target in [*NAMES.items(), (f"release/{machine}", "..")]:
-            path = lib / name
-            if path.is_symlink() or path.exists():
-                if not replace:
-                    raise InputError(f"{path} is there already; choose another folder, or replace it with --force")
-                path.unlink()
-            if target:
-                path.symlink_to(target)
-            else:
-                shutil.copyfile(libraries / name, path)
-        shutil.copytree(headers, folder / "include", dirs_exist_ok=True)
+        for path in (*files, *links):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with replace_files(list(files)) as parts:
+            for part, source in zip(parts, files.values(), strict=True):
+                shutil.copyfile(source, part)
+        for path, target in links.items():
+            path.unlink(missing_ok=True)
+            path.symlink_to(target)
     except OSError as cause:
         raise InputError(f"{cause.filename or folder} cannot be written: {cause.strerror}") from cause

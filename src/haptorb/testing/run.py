@@ -18,7 +18,7 @@ from haptorb.control.trip_reasons import GuardState, Trip
 from haptorb.devices.base import Device, State
 from haptorb.devices.loader import find_device
 from haptorb.errors import InputError, WorldError
-from haptorb.files import private_temporary_folder
+from haptorb.files import private_temporary_folder, replace_file
 from haptorb.recording.mcap import Recorder
 from haptorb.recording.recording import Recording
 from haptorb.recording.row import LatestRow
@@ -283,7 +283,7 @@ class _SteppedRun(DeviceRun):
     def recording(self) -> Recording:
         """All ticks so far, written to the file."""
         if self._kept is None:
-            with self._file.open("wb") as file:
+            with replace_file(self._file) as part, part.open("wb") as file:  # a link of that name is not followed
                 recorder = Recorder(file, self._layout, self._rate, 0)
                 for name, values in self._config.notes(self._own.values()).items():
                     recorder.add_metadata(name, values)
