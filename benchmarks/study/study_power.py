@@ -20,8 +20,7 @@ from scipy.stats import nct, t
 
 from haptorb.child_process import count_cores
 from haptorb_study.analysis.analysis import analyse
-from haptorb_study.simulated.pool import answer_study, list_columns, simulate_value
-from haptorb_study.simulated.power import power_of
+from haptorb_study.simulated.power import answer_study, list_columns, power_of, simulate_value
 from haptorb_study.study_file import study_of
 
 TWO = '[[conditions]]\nname = "base"\n[[conditions]]\nname = "other"\nparameters = {{ moment = {moment} }}\n'

@@ -10,8 +10,7 @@ from scipy.stats import nct, t
 
 from haptorb.errors import InputError
 from haptorb_study.analysis.analysis import analyse
-from haptorb_study.simulated.pool import simulate_value
-from haptorb_study.simulated.power import power, power_of
+from haptorb_study.simulated.power import power, power_of, simulate_value
 from haptorb_study.study_file import Study, study_of
 from oracles.repetitions import repetitions
 

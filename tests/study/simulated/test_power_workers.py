@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from haptorb.errors import InputError
-from haptorb_study.simulated.pool import simulate_pool
+from haptorb_study.simulated.power import simulate_pool
 from haptorb_study.study_file import study_of
 
 STUDY = study_of(
