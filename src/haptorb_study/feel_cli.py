@@ -235,9 +235,7 @@ def feel_with_console(
     from haptorb.web.server import freeze_garbage
     from haptorb.web.session import object_scene
     from haptorb.worlds.base import values as parameter_values
-    from haptorb_study.feel.feel_panel import FeelPanel
-    from haptorb_study.feel.terminal_commands import HELP, read_lines, wait_for_lines
-    from haptorb_study.feel.trace_collector import world_key
+    from haptorb_study.feel.live_session import HELP, FeelPanel, read_lines, wait_for_lines, world_key
 
     for design in live.designs:  # computed before the servo starts, so that the hand does not wait
         object_scene(name_of(design.world), parameter_values(design.world))

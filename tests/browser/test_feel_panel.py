@@ -11,8 +11,7 @@ import haptorb_study.feel
 from browser.screen_check import find_faults
 from haptorb.web.console import Console
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.feel_panel import FeelPanel
-from haptorb_study.feel.live_session import LiveSession
+from haptorb_study.feel.live_session import FeelPanel, LiveSession
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 

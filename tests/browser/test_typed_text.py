@@ -19,8 +19,7 @@ import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.database import database
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.feel_panel import FeelPanel
-from haptorb_study.feel.live_session import LiveSession
+from haptorb_study.feel.live_session import FeelPanel, LiveSession
 from haptorb_study.pages.session_manager import SessionManager
 from haptorb_study.pages.study_server import StudyServer
 from haptorb_study.study_file import study_of

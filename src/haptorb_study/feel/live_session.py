@@ -6,25 +6,114 @@ method returns.
 
 from __future__ import annotations
 
+import os
 import random
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from select import select
 from threading import RLock
 from typing import TYPE_CHECKING, Any, final
 from uuid import uuid4
 
-from haptorb.errors import InputError, UnknownName, quote
+from haptorb.arrays import Array
+from haptorb.errors import HaptorbError, InputError, UnknownName, quote
+from haptorb.recording.row import RowLayout
 from haptorb_study.feel.designs import Candidate, Candidates
 from haptorb_study.feel.records import DesignRating
 from haptorb_study.feel.session import SCORES, FeelSession, check_person
 from haptorb_study.feel.torque_scale import MIN_SCALE, ScaleLimits
-from haptorb_study.feel.trace import FELT, Trace
-from haptorb_study.feel.trace_collector import LiveFeeling, TraceCollector, store_feeling, world_key
+from haptorb_study.feel.trace import FELT, Trace, is_felt, trace_rows
 
 if TYPE_CHECKING:
     from haptorb.runtime.servo import Servo
 
-__all__ = ["LiveSession", "check_slot"]
+__all__ = [
+    "HELP",
+    "FeelPanel",
+    "LiveFeeling",
+    "LiveSession",
+    "TraceCollector",
+    "check_slot",
+    "execute_line",
+    "read_lines",
+    "store_feeling",
+    "wait_for_lines",
+    "world_key",
+]
+
+
+# --------------------------------------------------------------------------------------------------
+# Presentations: assignment of the servo's rows to them, by the world's number in a row.
+
+
+_MAX_TRACE_TICKS = 600_000  #: ticks recorded of one presentation: ten minutes
+
+
+def world_key(number: int) -> str:
+    """Name of the world of design `number` (from 0) in the session's servo; never the name of a catalogue world."""
+    return f"design {number}"
+
+
+@dataclass
+class LiveFeeling:
+    """One presentation of a design: from its selection to the next."""
+
+    trace: Trace
+    file: str  #: of the trace
+    id: str
+    person: str
+    blind: bool
+    scale: float  #: factor of all torques of the handle
+    score: int | None = None
+    felt: bool = False  #: whether it exceeded the perception limits so far, see `trace.is_felt`
+    first: Array | None = None  #: its first tick
+
+
+@final
+class TraceCollector:
+    """Collects the presentations by the world's number in the servo's rows; every new world is a presentation."""
+
+    def __init__(self) -> None:
+        self._feelings: dict[int, LiveFeeling] = {}
+        self._world = 0
+
+    def begin(self, feeling: LiveFeeling, *, served: bool = False) -> None:
+        """Start `feeling`; `served`: a servo has just been given its world."""
+        self._world += served
+        self._feelings[self._world] = feeling
+
+    def collect(self, layout: RowLayout, rows: Array) -> list[LiveFeeling]:
+        """Append `rows` (n, width) to the traces; returns the presentations that ended."""
+        worlds = rows[:, layout["world"].start]
+        for number, feeling in self._feelings.items():
+            room = max(_MAX_TRACE_TICKS - len(feeling.trace), 0)
+            found = trace_rows(layout, rows[worlds == number])
+            feeling.trace.extend(found[:room])
+            if len(found) and not feeling.felt:
+                feeling.first = found[0] if feeling.first is None else feeling.first
+                feeling.felt = is_felt(found, feeling.first)
+        ended = [number for number in self._feelings if len(worlds) and number < worlds[-1]]
+        return [self._feelings.pop(number) for number in ended]
+
+    def end(self) -> list[LiveFeeling]:
+        """End the presentations that are still open."""
+        left, self._feelings = list(self._feelings.values()), {}
+        return left
+
+
+def store_feeling(session: FeelSession, feeling: LiveFeeling, *, gently: bool) -> None:
+    """Write the trace of `feeling`, unless it is empty."""
+    if len(feeling.trace):
+        session.store_trace(
+            feeling.trace, name=feeling.file, person=feeling.person, feeling=feeling.id, blind=feeling.blind,
+            scale=feeling.scale, gently=gently,
+        )  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# State of the session.
 
 
 _SLOTS = ("a", "b")
@@ -307,3 +396,125 @@ def check_slot(slot: object) -> str:
     if slot not in _SLOTS:
         raise UnknownName("slot", str(slot)[:20], _SLOTS)
     return str(slot)
+
+
+# --------------------------------------------------------------------------------------------------
+# Panel of the session in the console page: its state and its commands.
+
+
+@final
+class FeelPanel:
+    """Adapter of `live` to the console (`console_hub.DesignSession`)."""
+
+    def __init__(self, live: LiveSession) -> None:
+        self._live = live
+
+    @property
+    def version(self) -> int:
+        """Changes with every state change."""
+        return self._live.version
+
+    @property
+    def hidden(self) -> bool:
+        """Whether name, values and picture of the design are hidden from every page."""
+        return self._live.hidden
+
+    def describe(self) -> dict[str, Any]:
+        """State for the page as plain JSON types."""
+        return self._live.describe()
+
+    def execute(self, command: Mapping[str, Any]) -> None:
+        """Execute a page's command: {"act": NAME, ...}. Raises InputError for invalid commands."""
+        live = self._live
+        match command.get("act"):
+            case "rate":
+                live.rate(command.get("score"), _text(command, "feeling"))
+            case "next":
+                live.feel_next()
+            case "feel":
+                live.feel(live.design_of(command.get("number")))
+            case "slot":
+                live.feel_slot(check_slot(command.get("slot")))
+            case "pair":
+                live.set_pair(check_slot(command.get("slot")), live.design_of(command.get("number")))
+            case "person":
+                live.set_person(_text(command, "person"))
+            case "hide":
+                live.set_blind(command.get("hide") is True)
+            case "scale":
+                live.set_scale(command.get("scale"))
+            case "finish":
+                live.finish()
+            case other:
+                known = "rate, next, feel, slot, pair, person, hide, scale, finish"
+                raise InputError(f"unknown act {quote(other)} of a feel session (known: {known})")
+
+
+def _text(command: Mapping[str, Any], name: str) -> str:
+    value = command.get(name, "")
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text; got {quote(value)}")
+    return value
+
+
+# --------------------------------------------------------------------------------------------------
+# Terminal commands: one command per line; wrong lines are reported and asked for again.
+
+
+_POLL_INTERVAL_S = 0.2  #: polling interval for the end of the session [s]
+
+HELP = (
+    f"Type a score from {SCORES[0]} to {SCORES[1]} and press Enter. Enter alone: next design. a, b: feel A or B. "
+    "person CODE: somebody else. hide, show: names and sizes. end: finish."
+)
+
+
+def execute_line(live: LiveSession, line: str) -> None:
+    """Execute the command `line`. Raises InputError for invalid commands."""
+    line = line.removesuffix("\r")
+    person = re.fullmatch("person(?: (.*))?", line, re.IGNORECASE | re.DOTALL)
+    if person is not None:  # as typed: another spelling of a code is refused, not corrected
+        live.set_person(person[1] or "")
+        return
+    match line.strip().lower() if line.strip().isalpha() else line:
+        case "":
+            live.feel_next()
+        case "a" | "b" as slot:
+            live.feel_slot(slot)
+        case "hide" | "show" as setting:
+            live.set_blind(setting == "hide")
+        case "end":
+            live.finish()
+        case number if re.fullmatch("0|-?[1-9][0-9]{0,8}", number):
+            live.rate(int(number))
+        case _:
+            raise InputError(f"{quote(line)} is neither a score nor a command; nothing was stored. {HELP}")
+
+
+def read_lines(live: LiveSession, lines: Iterator[str], notify: Callable[[str], None]) -> None:
+    """Execute `lines` until the session or the input ends; a mistake is reported, and the next line read."""
+    for line in lines:
+        if live.finished:
+            return
+        try:
+            execute_line(live, line)
+        except HaptorbError as mistake:
+            notify(str(mistake))
+        if live.finished:
+            return
+
+
+def wait_for_lines(descriptor: int, ended: Callable[[], bool]) -> Iterator[str]:
+    """Lines from `descriptor` until it ends or `ended()`; polled, because a blocking read could not be interrupted."""
+    rest = b""
+    while not ended():
+        if not select([descriptor], [], [], _POLL_INTERVAL_S)[0]:
+            continue
+        more = os.read(descriptor, 4096)
+        if not more:
+            if rest:  # the last line of a pipe need not end with a line break
+                yield rest.decode("utf-8", "replace")
+            return
+        *whole, rest = (rest + more).split(b"\n")
+        for line in whole:
+            yield line.decode("utf-8", "replace")

@@ -17,8 +17,7 @@ import haptorb_study.feel
 from haptorb.cli import main
 from haptorb_study.database import database
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.live_session import LiveSession
-from haptorb_study.feel.terminal_commands import read_lines
+from haptorb_study.feel.live_session import LiveSession, read_lines
 from haptorb_study.stored_session import StoredSession
 from haptorb_study.study_file import study_of
 from haptorb_study.terminal_session import END, Keys, TerminalSession, View, name_keys

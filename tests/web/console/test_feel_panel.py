@@ -15,8 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 import haptorb_study.feel
 from haptorb.web.console import Console
 from haptorb_study.feel import FeelSession, load_designs
-from haptorb_study.feel.feel_panel import FeelPanel
-from haptorb_study.feel.live_session import LiveSession
+from haptorb_study.feel.live_session import FeelPanel, LiveSession
 
 pytestmark = pytest.mark.realtime
 
