@@ -13,8 +13,8 @@ from haptorb.errors import RecordingError
 from haptorb.figure_file import show_text_as_is
 from haptorb.files import replace_file
 from haptorb.worlds import SnapFit
-from haptorb_study.feel.course import course, explain_peaks
 from haptorb_study.feel.designs import Candidate, Candidates
+from haptorb_study.feel.insertion_forces import course, explain_peaks
 from haptorb_study.feel.peak_comparison import compare_peaks
 from haptorb_study.feel.session import SCORES, FeelSession
 from haptorb_study.feel.trace import COLUMNS

@@ -14,8 +14,8 @@ import numpy as np
 
 from haptorb.arrays import Array
 from haptorb.control.saturation import Saturation
-from haptorb_study.feel.course import InsertionForces, force_along
 from haptorb_study.feel.designs import Candidate
+from haptorb_study.feel.insertion_forces import InsertionForces, force_along
 from haptorb_study.feel.trace import COLUMNS, HAND
 
 __all__ = ["PEAK_TOLERANCE", "PeakComparison", "compare_peaks"]

@@ -22,8 +22,8 @@ from haptorb.worlds import Outlet, SnapFit
 from haptorb.worlds.base import parameters
 from haptorb.worlds.base import values as parameter_values
 from haptorb_study.feel.comparison import collect_traces
-from haptorb_study.feel.course import InsertionForces, course, explain_peaks
 from haptorb_study.feel.designs import Candidate
+from haptorb_study.feel.insertion_forces import InsertionForces, course, explain_peaks
 from haptorb_study.feel.peak_comparison import compare_peaks
 from haptorb_study.feel.session import SCORES, FeelSession
 from haptorb_study.feel.trace import COLUMNS

@@ -15,9 +15,9 @@ from haptorb.devices.loader import load
 from haptorb.errors import InputError, UnknownName
 from haptorb.recording.row import RowLayout
 from haptorb_study.feel import FeelSession, course, load_designs
+from haptorb_study.feel.limits import find_limits
 from haptorb_study.feel.live_session import FeelPanel, LiveSession, execute_line, read_lines, world_key
 from haptorb_study.feel.torque_scale import ScaleLimits, TrueScale
-from haptorb_study.feel_limits import find_limits
 
 EXAMPLE = Path(haptorb_study.feel.__file__).with_name("example.toml")
 

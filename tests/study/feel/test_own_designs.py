@@ -9,8 +9,8 @@ import pytest
 
 from haptorb.errors import InputError, UnknownName
 from haptorb_study.feel import course, load_designs
-from haptorb_study.feel.course import force_along
-from haptorb_study.feel_limits import DesignChoice
+from haptorb_study.feel.insertion_forces import force_along
+from haptorb_study.feel.limits import DesignChoice
 
 GROOVE = """
 from dataclasses import dataclass

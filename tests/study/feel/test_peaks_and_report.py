@@ -14,7 +14,7 @@ from haptorb.errors import RecordingError
 from haptorb.worlds import SnapFit
 from haptorb_study.feel import Candidate, FeelSession, Trace, course, load_designs
 from haptorb_study.feel.comparison import comparison
-from haptorb_study.feel.course import explain_peaks
+from haptorb_study.feel.insertion_forces import explain_peaks
 from haptorb_study.feel.peak_comparison import PeakComparison, compare_peaks
 from haptorb_study.feel.report import make_report, write_report
 

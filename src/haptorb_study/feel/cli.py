@@ -17,7 +17,7 @@ from haptorb.cli.run import AddressOption, HostOption
 from haptorb.errors import InputError
 from haptorb.figure_file import check_figure_file
 from haptorb.terminal import Column, TextTable, make_console, notify, print_json, print_table, queue_output
-from haptorb_study.feel_limits import DesignChoice, StabilityCheck, find_limits
+from haptorb_study.feel.limits import DesignChoice, StabilityCheck, find_limits
 
 if TYPE_CHECKING:
     from haptorb.devices.base import Device
@@ -82,11 +82,11 @@ def feel(
     from haptorb.runtime.linux import describe_timing
     from haptorb.web.server import PageAddress
     from haptorb_study.feel import FeelSession
+    from haptorb_study.feel.limits import DesignChoice
     from haptorb_study.feel.live_session import LiveSession
     from haptorb_study.feel.report import write_report
     from haptorb_study.feel.session import check_person
     from haptorb_study.feel.trace import FELT
-    from haptorb_study.feel_limits import DesignChoice
 
     if timing := describe_timing():
         notify(timing)

@@ -1,8 +1,8 @@
 """Limits of the torque scale of a feel session: stability check, and the device's torque limit.
 
 The check covers the workspace and takes seconds per design, so it runs in a process of its own at low priority,
-while the first design is being rendered. This module stands outside `feel` because every start of `haptorb` loads
-`feel_cli`, and importing that package takes seconds.
+while the first design is being rendered. Every start of `haptorb` loads this module with `feel.cli`: what takes seconds
+to import is imported where it is needed.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class StabilityCheck:
         self._count = len(names)
         asked = dumps({"choice": asdict(choice), "device": device, "names": list(names)})
         self._process = start_python(
-            "haptorb_study.feel_limits", asked,
+            "haptorb_study.feel.limits", asked,
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
         )  # fmt: skip
 
