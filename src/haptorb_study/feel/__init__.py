@@ -9,8 +9,7 @@ from haptorb.lazy_names import lazy_names
 if TYPE_CHECKING:
     from haptorb_study.feel.designs import Candidate, Candidates, load_designs
     from haptorb_study.feel.insertion_forces import InsertionForces, course
-    from haptorb_study.feel.records import Choice, DesignRating
-    from haptorb_study.feel.session import FeelSession
+    from haptorb_study.feel.session import Choice, DesignRating, FeelSession
     from haptorb_study.feel.trace import Trace
 
 __all__ = [
@@ -31,8 +30,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "haptorb_study.feel.designs": "Candidate Candidates load_designs",
         "haptorb_study.feel.insertion_forces": "InsertionForces course",
-        "haptorb_study.feel.records": "Choice DesignRating",
-        "haptorb_study.feel.session": "FeelSession",
+        "haptorb_study.feel.session": "Choice DesignRating FeelSession",
         "haptorb_study.feel.trace": "Trace",
     },
 )

@@ -21,8 +21,7 @@ from haptorb.arrays import Array
 from haptorb.errors import HaptorbError, InputError, UnknownName, quote
 from haptorb.recording.row import RowLayout
 from haptorb_study.feel.designs import Candidate, Candidates
-from haptorb_study.feel.records import DesignRating
-from haptorb_study.feel.session import SCORES, FeelSession, check_person
+from haptorb_study.feel.session import SCORES, DesignRating, FeelSession, check_person
 from haptorb_study.feel.torque_scale import MIN_SCALE, ScaleLimits
 from haptorb_study.feel.trace import FELT, Trace, is_felt, trace_rows
 
