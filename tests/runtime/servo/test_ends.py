@@ -30,7 +30,8 @@ HOST = """
 import signal, sys, time
 from haptorb import Servo
 signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a shell without a terminal may have it ignored
+for number in (signal.SIGHUP, signal.SIGQUIT):  # a shell without a terminal may have them ignored
+    signal.signal(number, signal.SIG_DFL)
 try:
     with Servo("omni", record=False) as servo:
         servo.hand.hold((0.0, 0.0, 0.051))
@@ -108,7 +109,7 @@ class Host:
     "number", [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
 )
 def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number, fork_server):
-    """Python runs no handler before that code returns; SIGTERM and SIGHUP end a program that has none."""
+    """Python runs no handler before that code returns; SIGTERM, SIGHUP and SIGQUIT end a program that has none."""
     host = Host(fork_server, IN_C)
     try:
         assert host.off_after(number) <= LIMIT
