@@ -90,6 +90,7 @@ BREAKS = (
     Break("A terminal or pager", "pytest tests/runtime/servo/test_ends.py -k not_read", "output-queued"),
     Break("A servo in an event loop", "pytest tests/runtime/servo/test_async.py", "async-stop-first"),
     Break("SIGINT, SIGTERM, SIGHUP and SIGQUIT", "pytest tests/runtime/servo/test_ends.py", "signal-read", "-k middle"),
+    Break("A servo that was opened", "pytest tests/runtime/servo/test_ends.py -k main_thread", "main-ended"),
     Break("A loop that was absent", "pytest tests/runtime/servo/test_ends.py -k stopped_for_a_second", "absence-trips"),
     *(
         Break("A child process runs nothing", "pytest tests/test_child_process.py", change)
@@ -253,6 +254,13 @@ BREAKS = (
         "python benchmarks/connections/native_programs.py kills",
         "native-exit-told",
         "--kills 4",
+    ),
+    *(
+        Break("A program for Force Dimension's", "pytest tests/serve/native/test_server.py -k regulation", change)
+        for change in (
+            Text("native/dhd/drd.c", "r->extra_at > ALONE_NS", "r->extra_at > INT64_MAX - 1"),
+            Text("native/dhd/drd.c", "const bool drives = known &&", "const bool drives = known ||"),
+        )
     ),
     *(
         Break("Torque and gripper force of a program", "pytest tests/runtime/tick/test_client_force.py", change)

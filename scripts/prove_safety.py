@@ -296,6 +296,18 @@ RULES = [
         "tests/recording/test_damaged_recordings.py::test_a_repaired_file_is_whole_for_the_makers_reader",
     ),
     (
+        "resumed-resistance",
+        "an unfinished calibration with a resistance that no coil has is not continued",
+        "never",
+        "tests/cli/calibrate/test_progress_file.py",
+    ),
+    (
+        "main-ended",
+        "a loop does not outlive the main thread that opened it",
+        "never",
+        f"{END_TESTS}::test_the_end_of_the_main_thread_is_the_end_of_the_loop_though_other_threads_go_on",
+    ),
+    (
         "output-not-linked",
         "a link beside a stranger's database does not choose where a command writes",
         "never",

@@ -65,6 +65,16 @@ def test_a_run_is_that_of_the_loop_and_the_same_every_time(tmp_path: Path) -> No
     assert Replay(one).run().identical
 
 
+def test_a_recording_replaces_a_link_and_does_not_follow_it(tmp_path: Path) -> None:
+    precious, file = tmp_path / "precious", tmp_path / "run.mcap"
+    precious.write_text("mine")
+    file.symlink_to(precious)
+    with haptic_device("omni", "dome", hand=scripted_hand(ONTO), record=file) as run:
+        run.play(0.01)
+    assert len(run.recording) == 10
+    assert precious.read_text() == "mine"
+
+
 def test_the_force_of_the_reference_passes_in_each_of_its_forms(across: Recording) -> None:
     times = {"between": (0.4, 1.0)}
     assert np.abs(across["wrench_actual"][:, 1]).max() > 0.1

@@ -8,6 +8,7 @@ from time import monotonic, sleep
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from haptorb.arrays import Array
 from haptorb.devices.electromagnet import SphericalElectromagnet
@@ -228,7 +229,7 @@ class DriverSession:
             resistance[coil] = voltage * duty / own
             expected = device.coils.resistance[coil]
             ratio = resistance[coil] / expected
-            if not 1 / _MAX_RESISTANCE_RATIO < ratio < _MAX_RESISTANCE_RATIO:  # safety: calibration-step
+            if not is_plausible_resistance(resistance[coil], expected):  # safety: calibration-step
                 ten = 6 < max(ratio, 1 / ratio) < 16
                 raise CalibrationError(
                     f"coil '{name}' measures {resistance[coil]:.3g} Ω, the device file has {expected:g} Ω: "
@@ -281,6 +282,12 @@ class DriverSession:
             mean_field(samples)
             self._turns = len(samples) / int(np.isfinite([sample.field for sample in samples]).sum(axis=0).min())
         return max(_HOLD_S, _SETTLE_S + _MIN_READINGS * self._turns / RATE_HZ)
+
+
+def is_plausible_resistance(measured: ArrayLike, nominal: ArrayLike) -> bool:
+    """Whether all `measured` resistances [ohm] are within a factor of 1.6 of the `nominal` ones of the device file."""
+    ratio = np.asarray(measured) / np.asarray(nominal)
+    return bool(((ratio > 1 / _MAX_RESISTANCE_RATIO) & (ratio < _MAX_RESISTANCE_RATIO)).all())
 
 
 def mean_field(samples: Sequence[Sample]) -> Array:

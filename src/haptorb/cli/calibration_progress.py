@@ -10,6 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
+from haptorb.cli.calibration_measurement import is_plausible_resistance
 from haptorb.devices.electromagnet import SphericalElectromagnet
 from haptorb.errors import CalibrationError, quote
 from haptorb.files import parse_json, read_bytes, replace_file
@@ -75,6 +76,7 @@ class ProgressFile:
         self.path = out.with_name(out.name + ".steps")
         self._head = {"format": FORMAT, "device": device.name, "digest": device.digest, "driver": driver}
         self._lengths: dict[int | None, int | None] = {_COILS: device.channels, _SENSORS: device.sensors}
+        self._resistance = device.coils.resistance
         self._clock = clock
         self.results: dict[str, dict[str, Any]] = {}
         self.left = ""
@@ -86,6 +88,11 @@ class ProgressFile:
             raw = parse_json(read_bytes(self.path, _MAX_FILE_BYTES, "progress", CalibrationError))
             head = {key: raw[key] for key in self._head}
             written, results = float(raw["written"]), _check_steps(raw["steps"], self._lengths)
+            # Duties of later steps are computed from it: a false value of another person's file is a false current.
+            if "currents" in results and not is_plausible_resistance(  # safety: resumed-resistance
+                results["currents"]["resistance_ohm"], self._resistance
+            ):
+                raise ValueError("a resistance that no coil of the device has")
         except (CalibrationError, ValueError, KeyError, TypeError, OverflowError):
             return f"{self.path} is damaged and is ignored"
         if head != self._head:

@@ -548,7 +548,7 @@ class TickTimeout(BaseException):
 
 
 # --------------------------------------------------------------------------------------------------
-# Termination signals: SIGINT (Ctrl-C), SIGTERM, SIGHUP of a closed terminal, and SIGQUIT (Ctrl-\\).
+# Termination signals: SIGINT (Ctrl-C), SIGTERM, SIGHUP of a closed terminal, and SIGQUIT (Ctrl-\).
 
 
 END_SIGNALS = (
@@ -567,7 +567,7 @@ def forbid_core_dumps() -> None:
 
 @final
 class Termination(BaseException):
-    """Raised for all of them but SIGINT, as KeyboardInterrupt for that, so that `with` blocks switch the coils off."""
+    """Raised for END_SIGNALS but SIGINT, as KeyboardInterrupt is for that: `with` blocks switch the coils off."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)

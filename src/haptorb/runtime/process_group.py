@@ -267,6 +267,7 @@ class ProcessGroup:
         self._recorder: subprocess.Popen[bytes] | None = None
         self._tracker: subprocess.Popen[bytes] | None = None
         self.compiler = CompilerProcess(standby.folder, shared, standby.errors)
+        self._in_main = threading.current_thread() is threading.main_thread()
         # A thread of its own: user code may block the caller's.
         self._heart = threading.Thread(target=self._beat, name="haptorb-heartbeat", daemon=True)
         self._heart.start()
@@ -464,6 +465,10 @@ class ProcessGroup:
         while not self._ending.wait(_HEARTBEAT_INTERVAL_S):
             words[Word.HEARTBEAT] = monotonic_ns()
             self._signals.poll()
+            # The program's main thread has ended, by an exception perhaps, without `close`; the interpreter waits for
+            # other threads of the program, and this one would keep the coils on for as long.
+            if self._in_main and not threading.main_thread().is_alive():  # safety: main-ended
+                words[Word.QUIT] = 1
             self._black_box.collect()
             now = monotonic()
             self._watch_servo(now, ticking)

@@ -19,7 +19,7 @@ from haptorb.runtime.servo import Servo
 from haptorb.runtime.trackers.pose_filter import REASONS
 from haptorb.web.access import PROTOCOL
 from haptorb.web.force_map import ForceMapWorker
-from haptorb.web.server import MAX_PAGES, TRY_AGAIN_LATER, is_stop_request
+from haptorb.web.server import MAX_PAGES, TRY_AGAIN_LATER, is_request
 from haptorb.web.server import command as read_command
 from haptorb.web.session import PointerRelay, describe_world, prepare, press_buttons, read_world, worlds
 from haptorb.web.wire import Columns, encode_force_frame, mesh_frame, pointer, rows_frame
@@ -416,7 +416,7 @@ class ConsoleSocketHub:
         """Handle one message of a page: a Stop first, from any page and even if malformed; else command or pointer."""
         try:
             text, data = message.get("text"), message.get("bytes") or b""
-            if is_stop_request(data if text is None else text):  # safety: console-stop-first
+            if is_request(data if text is None else text, "stop"):  # safety: console-stop-first
                 self._stop()
             elif text is not None:
                 self._execute(page, read_command(text))

@@ -15,7 +15,7 @@ import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Generator
+from collections.abc import AsyncIterator, Callable, Coroutine, Generator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -52,7 +52,7 @@ __all__ = [
     "configure",
     "find_own_address",
     "freeze_garbage",
-    "is_stop_request",
+    "is_request",
     "limit_read_size",
     "make_connections",
     "open_browser_at",
@@ -500,14 +500,15 @@ _REQUEST = re.compile(r'"do"\s*:\s*"([a-z]+)"')
 _ESCAPED_LETTER = re.compile(r"\\u00([46][1-9a-fA-F]|[57][0-9aA])")
 
 
-def is_stop_request(message: str | bytes, names: Collection[str] = ("stop",)) -> bool:
-    """Whether a text or binary message requests a command of `names`, in any spelling, even if the rest is malformed.
+def is_request(message: str | bytes, *names: str) -> bool:
+    """Whether a text or binary message requests a command of `names`, even if the rest is malformed.
 
-    Call it before `command`: a Stop is executed even if the message is not valid JSON.
+    Call it with "stop" before `command`: a Stop is executed even if the message is not valid JSON. Letters may be
+    spelled with JSON's escapes.
 
-    >>> [is_stop_request(text) for text in ('{"do": "stop"}', '{"do":"stop", "why": 1e999', '{"do": "engage"}')]
+    >>> [is_request(text, "stop") for text in ('{"do": "stop"}', '{"do":"stop", "why": 1e999', '{"do": "engage"}')]
     [True, True, False]
-    >>> is_stop_request(rb'{"\u0064o": "s\u0074op"}'), is_stop_request('{"do": "leave"}', ("leave", "abort"))
+    >>> is_request(rb'{"\u0064o": "s\u0074op"}', "stop"), is_request('{"do": "leave"}', "leave", "abort")
     (True, True)
     """
     text = message if isinstance(message, str) else message.decode("latin-1")

@@ -15,7 +15,7 @@ from typing import Any, final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptorb.errors import HaptorbError, InputError
-from haptorb.web.server import MAX_PAGES, TRY_AGAIN_LATER, PageAddress, is_stop_request
+from haptorb.web.server import MAX_PAGES, TRY_AGAIN_LATER, PageAddress, is_request
 from haptorb.web.server import command as read_command
 from haptorb_study.pages.page_views import experimenter_view, participant_view, pen_view
 from haptorb_study.pages.session_manager import SessionManager
@@ -30,8 +30,6 @@ UPDATE_INTERVAL_S = 1 / 25  #: interval of state updates to the pages [s]
 TOKEN_TIMEOUT_S = 5.0  #: timeout for a page's token [s]
 MAX_WAITING = 32  #: connections whose token is awaited; a new one replaces the oldest
 
-#: commands of an experimenter's page that end with the coils off, found in any message
-_END_COMMANDS = ("leave", "abort")
 #: commands of a participant's page to the session manager; all others are the experimenter's
 _PARTICIPANT_COMMANDS = frozenset({"agree", "answer", "reply", "skip", "interval"})
 _EXPERIMENTER_COMMANDS = frozenset(
@@ -150,11 +148,11 @@ class StudySocketHub:
         """Process a message of `page`, Stop before anything else. Mistakes are reported to `page`, never raised."""
         try:
             if page.participant:
-                if is_stop_request(text):  # safety: study-stop-first
+                if is_request(text, "stop"):  # safety: study-stop-first
                     self._manager.halt.stop("by the participant")
-            elif is_stop_request(text, ("stop", "pause")):  # safety: study-pause-first
+            elif is_request(text, "stop", "pause"):  # safety: study-pause-first
                 self._manager.halt.stop("by the experimenter")
-            elif is_stop_request(text, _END_COMMANDS):  # safety: study-end-first
+            elif is_request(text, "leave", "abort"):  # safety: study-end-first
                 self._manager.halt.stop(None)
             command = read_command(text)
             do = command.get("do")

@@ -27,13 +27,16 @@ MAGNETIC = {
     [
         ("currents", {"resistance_ohm": [0.6] * 3}, True),
         ("currents", {"resistance_ohm": [0.6] * 4}, False),
+        ("currents", {"resistance_ohm": [0.6, 0.6, 6.0]}, False),
+        ("currents", {"resistance_ohm": [0.6, 0.6, 0.06]}, False),
+        ("currents", {"resistance_ohm": [-0.6] * 3}, False),
         ("rest", {"temperatures_k": [298.0] * 52}, False),
         ("magnetic", MAGNETIC, True),
         ("magnetic", MAGNETIC | {"offsets_t": [[0.0] * 3]}, False),
         ("magnetic", MAGNETIC | {"moment_per_current_m2": [[1.0, 0.0, 0.0]] * 3}, False),
     ],
 )
-def test_results_of_another_number_of_coils_or_sensors_are_ignored(
+def test_results_that_this_device_cannot_give_are_ignored(
     tmp_path: Path, name: str, result: dict[str, Any], resumes: bool
 ) -> None:
     ProgressFile(tmp_path / "a", OMNI, "sim", lambda: 1000.0).store(name, result)

@@ -27,6 +27,7 @@ class _Servo:
         _Servo.made.append(self)
 
     def __enter__(self):
+        assert self.stops == 1, "a device starts stopped"
         self.open = True
         return self
 

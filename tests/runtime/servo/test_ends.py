@@ -120,6 +120,41 @@ def test_a_signal_in_the_middle_of_other_code_is_a_stop_within_ticks(number, for
         host.end()
 
 
+#: opened without `with`; another thread of the program goes on for long after the main thread has ended
+ABANDONED = """
+import sys, threading, time
+from haptorb import Servo
+servo = Servo("omni", record=False)
+servo.open()
+servo.hand.hold((0.0, 0.0, 0.051))
+servo.run(0.5)
+threading.Thread(target=time.sleep, args=(20.0,)).start()
+print(servo.memory_path, flush=True)
+sys.stdin.readline()
+raise KeyError(sys.argv[1])
+"""
+
+
+def test_the_end_of_the_main_thread_is_the_end_of_the_loop_though_other_threads_go_on(fork_server):
+    host = Host(fork_server, "nothing", ABANDONED)
+    try:
+        assert host.off_after(None) <= 0.1  # Python prints the exception first
+        assert host.process.poll() is None
+    finally:
+        host.end()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGQUIT"), reason="a limit of Unix")
+def test_a_crash_of_the_loop_waits_for_no_dump_of_its_memory(fork_server):
+    host = Host(fork_server, IN_C)
+    try:
+        pid = host.memory.words[Word.PID]
+        (line,) = (one for one in Path(f"/proc/{pid}/limits").read_text().splitlines() if one.startswith("Max core"))
+        assert line.split()[4] in ("0", "1")
+    finally:
+        host.end()
+
+
 def test_a_signal_in_the_middle_of_code_that_lets_no_thread_run_is_a_stop(fork_server):
     """Not even the heart, which hears signals too: the loop itself reads them, long before it misses the heart."""
     host = Host(fork_server, HOLDS)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptorb.errors import InputError
-from haptorb.web.server import command, is_stop_request
+from haptorb.web.server import command, is_request
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters(), max_size=20),
@@ -83,9 +83,9 @@ def test_any_json_is_a_command_or_refused(value):
     ],
 )
 def test_a_stop_is_a_stop_whatever_else_is_wrong(text):
-    assert is_stop_request(text)
+    assert is_request(text, "stop")
 
 
 @pytest.mark.parametrize("text", ["", "stop", '{"do": "engage"}', json.dumps({"do": "reply", "reply": '"do": "stop"'})])
 def test_other_words_are_none(text):
-    assert not is_stop_request(text)
+    assert not is_request(text, "stop")

@@ -29,7 +29,7 @@ from haptorb.errors import InputError
 from haptorb.serve.foxglove import ViewerConnection
 from haptorb.serve.osc import OscSession
 from haptorb.web.console import Console
-from haptorb.web.server import command, is_stop_request
+from haptorb.web.server import command, is_request
 from haptorb.worlds import Remote
 from serve.published_loop import PublishedLoop
 
@@ -124,7 +124,7 @@ def test_every_message_is_read_or_refused_at_once(n):
     for text in messages(1, n):
         begun = time.process_time()  # a busy computer is not the reader's fault
         try:
-            is_stop_request(text)
+            is_request(text, "stop")
             found = command(text)
             json.dumps(found, allow_nan=False, ensure_ascii=False).encode()
             read += 1
